@@ -3,7 +3,8 @@
 add_library(orbitune_options INTERFACE)
 # No contraction: whether a*b+c is fused would otherwise depend on the compiler and its flags, and with it the bits.
 target_compile_options(orbitune_options INTERFACE
-  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Werror -ffp-contract=off)
+  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Wno-missing-field-initializers -Werror
+  -ffp-contract=off)
 if(ORBITUNE_SANITIZE)
   target_compile_options(orbitune_options INTERFACE
     -fsanitize=${ORBITUNE_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)

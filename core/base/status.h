@@ -4,6 +4,7 @@
 
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -33,6 +34,8 @@ class FieldErrors {
   void AddNumber(std::string_view field, std::string_view allowed, double received);
   // Takes over another check's violations, each under `prefix` + "."; other errors become one violation of `prefix`.
   void Merge(std::string_view prefix, const absl::Status& status);
+
+  void AddViolation(FieldViolation violation) { violations_.push_back(std::move(violation)); }
 
   bool empty() const { return violations_.empty(); }
   // OK if nothing was added, else INVALID_ARGUMENT.

@@ -37,8 +37,9 @@ constexpr double kLargestShrink = 0.2;
 constexpr int kMaxStepsPerSample = 1000;
 // Steps are measured against max(|x|, this fraction of the settling distance): below it nothing counts any more.
 constexpr double kNegligible = 1e-2;
-// A margin below this, when the step size collapses, is the edge of the domain.
-constexpr double kAtEdge = 1e-3;
+// The edge of the domain is singular: steps shrink before it, and no trajectory comes back from so near (1 + x2 = 1e-4
+// is a semi-parameter of 1e-8 p_r, a = 1e-4 a radius of 1e4 p_r).
+constexpr double kAtEdge = 1e-4;
 
 enum class StepEnd { kAccepted, kInaccurate, kOutside };
 
@@ -103,17 +104,13 @@ class Episode {
     if (options_.trajectory != nullptr) {
       options_.trajectory->push_back({k, y_[kLongitude], ErrorOf(y_), law_.u, law_.lyapunov, distance});
     }
-    if (k == result_.settling_samples && options_.measure_effort) result_.delta_v_to_settling = y_[kDeltaV];
     outside_ = distance > problem_.settling_distance;
-    if (k == problem_.horizon_samples) {
-      if (outside_) settling_fuel_ = fuel_;
-      return true;
-    }
-    fuel_ += control;
+    if (k < problem_.horizon_samples) fuel_ += control;
     if (outside_) {
-      result_.settling_samples = k + 1;
+      result_.settling_samples = std::min(k + 1, problem_.horizon_samples);
       settling_fuel_ = fuel_;
     }
+    if (k == result_.settling_samples && options_.measure_effort) result_.delta_v_to_settling = y_[kDeltaV];
     return true;
   }
 
@@ -130,15 +127,14 @@ class Episode {
         // A step cut short to meet a sample says little about the next one's size.
         step_ = h < step_ ? std::max(step_, next_step_) : next_step_;
         NotePeak();
-        continue;
+        if (AtEdge()) return Outcome::kLeftDomain;
+      } else {
+        ++result_.rejected_steps;
+        step_ = next_step_;
       }
-      ++result_.rejected_steps;
-      step_ = next_step_;
-      if (step_ < 1e-13 * std::max(1.0, time_)) return end == StepEnd::kOutside || AtEdge() ? Outcome::kLeftDomain
-                                                                                            : Outcome::kNumericalFailure;
-      if (result_.steps + result_.rejected_steps > kMaxStepsPerSample * problem_.horizon_samples) {
-        return AtEdge() ? Outcome::kLeftDomain : Outcome::kNumericalFailure;
-      }
+      const bool stuck = step_ < 1e-13 * std::max(1.0, time_) ||
+                         result_.steps + result_.rejected_steps > kMaxStepsPerSample * problem_.horizon_samples;
+      if (stuck) return end == StepEnd::kOutside ? Outcome::kLeftDomain : Outcome::kNumericalFailure;
     }
     return Outcome::kSettled;
   }
@@ -183,14 +179,15 @@ class Episode {
     size = std::max({size, std::abs(2 * std::sin(y_[0] / 2)), std::abs(2 * std::sin(y[0] / 2))});
     for (std::size_t i = 1; i < kLongitude; ++i) size = std::max({size, std::abs(y_[i]), std::abs(y[i])});
     double largest = 0;
+    double sum = 0;
     for (std::size_t i = 0; i <= kLongitude; ++i) {
       double error = 0;
       for (std::size_t j = 0; j < kStages; ++j) error += kError[j] * rates_[j][i];
-      // std::max would drop a NaN.
-      const double scaled = std::abs(h * error) / (problem_.tolerance * (i == kLongitude ? 1 : size));
-      if (!(scaled <= largest)) largest = scaled;
+      largest = std::max(largest, std::abs(h * error) / (problem_.tolerance * (i == kLongitude ? 1 : size)));
+      sum += error;
     }
-    return largest;
+    // A stage that ran away leaves an infinity or a NaN, which std::max would drop.
+    return std::isfinite(sum) && std::isfinite(size) ? largest : std::numeric_limits<double>::infinity();
   }
 
   void NotePeak() {

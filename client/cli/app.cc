@@ -1,0 +1,271 @@
+// The one file that sees CLI11: it takes seconds to compile.
+#include "client/cli/app.h"
+
+#include <algorithm>
+#include <memory>
+
+#include "CLI/CLI.hpp"
+#include "client/cli/commands.h"
+#include "client/cli/completion.h"
+#include "client/cli/errors.h"
+#include "client/cli/number.h"
+#include "client/cli/session.h"
+
+namespace orbitune::cli {
+namespace {
+
+constexpr char kFooter[] = R"help(
+Examples:
+  orbitune scenarios                                    what there is to fly
+  orbitune submit --scenario gto-geo --seed 7 --watch   tune, and follow the progress
+  orbitune submit --scenario gto-geo --iterations 500 --label case=1 \
+      --ic semi_major_axis_km=24364,eccentricity=0.7306,inclination_deg=63,raan_deg=75,argument_of_periapsis_deg=158
+  orbitune --json scenarios gto-geo > mine.json         a scenario to edit, then
+  orbitune submit --scenario-file mine.json
+  orbitune jobs --state running --label case=1
+  orbitune watch JOB                                    Ctrl-C ends the watching, not the job
+  orbitune history JOB -o history.csv
+  orbitune simulate --job JOB --which best --csv trajectory.csv
+  eval "$(orbitune completion bash)"                    completion in this shell
+
+Initial conditions (--ic): a JSON file of an OrbitState, or all keys of one of
+  semi_major_axis_km, eccentricity, inclination_deg, raan_deg, argument_of_periapsis_deg,
+      and true_anomaly_deg, true_longitude_deg or neither (at the periapsis)
+  p_km, ex, ey, hx, hy, true_longitude_deg
+  x_km, y_km, z_km, x_dot_km_s, y_dot_km_s, z_dot_km_s
+
+Exit codes:
+  0    success
+  1    the job watched ended FAILED or CANCELLED; the episode left the domain or failed
+  2    usage, a bad local file, INVALID_ARGUMENT
+  3    not found
+  4    the server cannot be reached, or did not answer in time
+  5    refused in this state (FAILED_PRECONDITION, ALREADY_EXISTS, ABORTED)
+  6    any other error of the server
+  130  interrupted
+
+"orbitune COMMAND --help" tells a command's options, "orbitune --help-all" those of all.)help";
+
+using Run = std::function<int(Session&)>;
+
+// A subcommand whose options live as long as the parser; `run` is set when it is the one chosen.
+template <typename Options>
+struct Command {
+  CLI::App* app;
+  std::shared_ptr<Options> options = std::make_shared<Options>();
+};
+
+template <typename Options>
+Command<Options> AddCommand(CLI::App& program, Run& run, const char* name, const char* help,
+                            int (*command)(Session&, const Options&)) {
+  Command<Options> added{program.add_subcommand(name, help)};
+  added.app->callback([&run, command, options = added.options] {
+    run = [command, options](Session& session) { return command(session, *options); };
+  });
+  return added;
+}
+
+// CLI11's own conversion goes through long double; this one gives the nearest double, NaN and infinity included.
+template <typename T, typename Target>
+CLI::Option* AddNumber(CLI::App& app, const std::string& flag, Target& target, const std::string& help) {
+  const auto assign = [&target, flag](const std::string& text) {
+    const absl::StatusOr<T> value = ParseNumber<T>(text);
+    if (!value.ok()) throw CLI::ValidationError(flag, std::string(value.status().message()));
+    target = *value;
+  };
+  return app.add_option_function<std::string>(flag, assign, help)->type_name("NUMBER");
+}
+
+CLI::Option* AddText(CLI::App& app, const std::string& flag, std::string& target, const std::string& help,
+                     const std::string& kind) {
+  return app.add_option(flag, target, help)->type_name(kind);
+}
+
+void AddLabels(CLI::App& app, std::vector<std::string>& target, const std::string& help) {
+  app.add_option("--label", target, help)->type_name("KEY=VALUE")->allow_extra_args(false)->take_all();
+}
+
+void AddFlight(CLI::App& app, FlightOptions& flight) {
+  CLI::Option* const name = AddText(app, "--scenario", flight.scenario, "A built-in scenario", "SCENARIO");
+  CLI::Option* const file = AddText(app, "--scenario-file", flight.scenario_file, "A Scenario in JSON", "FILE");
+  name->excludes(file);
+  AddText(app, "--ic", flight.initial_condition,
+          "The chaser's orbit instead of the scenario's: FILE.json or KEY=VALUE,... (see orbitune --help)", "FILE");
+}
+
+void AddReconnect(CLI::App& app, double& target) {
+  AddNumber<double>(app, "--reconnect-seconds", target,
+                    "How long to try to reconnect when the server goes away while watching; 0: not at all [60]");
+}
+
+void AddScenarios(CLI::App& program, Run& run) {
+  const auto [app, options] =
+      AddCommand(program, run, "scenarios", "List the built-in scenarios, or show one", RunScenarios);
+  AddText(*app, "NAME", options->name, "Show this one; with --json as a file for --scenario-file", "SCENARIO");
+}
+
+void AddSubmit(CLI::App& program, Run& run) {
+  const auto [app, options] = AddCommand(program, run, "submit", "Create a tuning job", RunSubmit);
+  AddFlight(*app, options->flight);
+  AddText(*app, "--name", options->display_name, "A title", "TEXT");
+  AddLabels(*app, options->labels, "A label; may be repeated");
+  AddNumber<std::int32_t>(*app, "--iterations", options->iterations, "M; like all below, the scenario's if not given");
+  AddNumber<double>(*app, "--step-size", options->step_size, "alpha");
+  AddNumber<double>(*app, "--exploration-scale", options->exploration_scale, "sigma");
+  AddNumber<std::int32_t>(*app, "--directions", options->directions, "N");
+  AddText(*app, "--initial-gains", options->initial_gains, "K(1)", "K1,K2,K3,K4,K5");
+  AddText(*app, "--exploration-std", options->exploration_std, "Standard deviation of each gain's exploration",
+          "S1,S2,S3,S4,S5");
+  AddNumber<double>(*app, "--gain-floor", options->gain_floor, "No gain simulated is smaller");
+  AddNumber<std::uint64_t>(*app, "--seed", options->seed, "Of the random numbers");
+  AddText(*app, "--request-id", options->request_id,
+          "The same id and the same job again give the job created before [a random UUID]", "ID");
+  CLI::Option* const validate = app->add_flag("--validate-only", options->validate_only, "Check; store nothing");
+  app->add_flag("--watch", options->watch, "Then watch it")->excludes(validate);
+  AddReconnect(*app, options->reconnect_s);
+}
+
+void AddWatch(CLI::App& program, Run& run) {
+  const auto [app, options] =
+      AddCommand(program, run, "watch", "Follow a job to its end; Ctrl-C leaves it running", RunWatch);
+  AddText(*app, "JOB", options->job, "ID or jobs/ID", "JOB")->required();
+  app->add_flag("--every", options->every, "A line per iteration on a terminal, too, as into a pipe");
+  AddNumber<std::int64_t>(*app, "--from", options->from,
+                          "Only events after this sequence number; 0: all, -1: only new ones");
+  AddReconnect(*app, options->reconnect_s);
+}
+
+void AddJobs(CLI::App& program, Run& run) {
+  const auto [app, options] = AddCommand(program, run, "jobs", "List jobs", RunJobs);
+  AddText(*app, "--filter", options->filter,
+          "Comparisons joined by AND: state = RUNNING, scenario = \"gto-geo\", labels.KEY != \"value\"", "EXPRESSION");
+  AddText(*app, "--state", options->state, "Only jobs in this state",
+          "queued|running|paused|succeeded|failed|cancelled");
+  AddLabels(*app, options->labels, "Only jobs with this label; may be repeated");
+  AddText(*app, "--scenario", options->scenario, "Only jobs of this scenario", "SCENARIO");
+  AddText(*app, "--order-by", options->order_by, "create_time or best_cost, with or without \" desc\"", "FIELD");
+  AddNumber<std::int64_t>(*app, "--limit", options->limit, "At most so many; 0: all [0]");
+}
+
+void AddShow(CLI::App& program, Run& run) {
+  const auto [app, job] = AddCommand(program, run, "show", "Show a job, and what it came to", RunShow);
+  AddText(*app, "JOB", *job, "ID or jobs/ID", "JOB")->required();
+}
+
+void AddHistory(CLI::App& program, Run& run) {
+  const auto [app, options] = AddCommand(program, run, "history", "Every iteration of a job", RunHistory);
+  AddText(*app, "JOB", options->job, "ID or jobs/ID", "JOB")->required();
+  AddText(*app, "--format", options->format, "[csv]", "csv|json")
+      ->check(CLI::IsMember({"csv", "json"}).description(""));
+  AddText(*app, "--output,-o", options->output, "Into this file, which appears whole or not at all [stdout]", "FILE");
+}
+
+void AddTransition(CLI::App& program, Run& run, const char* name, const char* help, Transition transition) {
+  CLI::App* const app = program.add_subcommand(name, help);
+  const auto jobs = std::make_shared<std::vector<std::string>>();
+  app->add_option("JOB", *jobs, "ID or jobs/ID")->type_name("JOB")->required();
+  app->callback([&run, jobs, transition] {
+    run = [jobs, transition](Session& session) { return RunTransition(session, transition, *jobs); };
+  });
+}
+
+void AddTransitions(CLI::App& program, Run& run) {
+  AddTransition(program, run, "cancel", "End jobs; what was stored stays", Transition::kCancel);
+  AddTransition(program, run, "pause", "Halt jobs", Transition::kPause);
+  AddTransition(program, run, "resume", "Let paused jobs go on", Transition::kResume);
+  AddTransition(program, run, "delete", "Delete jobs that have ended, and their history", Transition::kDelete);
+}
+
+void AddSimulate(CLI::App& program, Run& run) {
+  const auto [app, options] = AddCommand(program, run, "simulate", "Fly one episode", RunSimulate);
+  AddFlight(*app, options->flight);
+  CLI::Option* const job = AddText(*app, "--job", options->job, "What this job flies, with its gains", "JOB");
+  job->excludes(app->get_option("--scenario"))->excludes(app->get_option("--scenario-file"));
+  AddText(*app, "--which", options->which, "Which of the job's gains [best]", "initial|final|best")
+      ->check(CLI::IsMember({"initial", "final", "best"}).description(""))
+      ->needs(job);
+  AddText(*app, "--gains", options->gains, "Other gains than the scenario's or the job's", "K1,K2,K3,K4,K5")
+      ->excludes(app->get_option("--which"));
+  AddText(*app, "--csv", options->csv, "Write the trajectory; - is stdout", "FILE");
+  AddNumber<std::int32_t>(*app, "--stride", options->stride, "Only every n-th sample of it");
+  app->add_flag("--early-exit", options->early_exit, "Stop once settling is proven; the cost is the same");
+  app->add_flag("--trajectory", options->trajectory, "With --json: the trajectory, too");
+}
+
+CommandSpec Describe(const CLI::App& app) {
+  CommandSpec spec{app.get_parent() == nullptr ? "" : app.get_name(), {}};
+  for (const CLI::Option* const option : app.get_options()) {
+    OptionSpec described;
+    for (const std::string& name : option->get_snames()) described.flags.push_back("-" + name);
+    for (const std::string& name : option->get_lnames()) described.flags.push_back("--" + name);
+    if (option->get_items_expected_max() > 0) described.value = option->get_type_name();
+    spec.options.push_back(described);
+  }
+  return spec;
+}
+
+void AddCompletion(CLI::App& program, Run& run, const std::shared_ptr<std::string>& shell) {
+  CLI::App* const app = program.add_subcommand("completion", "Print a completion script");
+  AddText(*app, "SHELL", *shell, "bash", "bash")->required()->check(CLI::IsMember({"bash"}).description(""));
+  app->callback([&program, &run] {
+    std::vector<CommandSpec> commands = {Describe(program)};
+    for (const CLI::App* const command : program.get_subcommands({})) commands.push_back(Describe(*command));
+    run = [commands](Session& session) {
+      session.out() << BashCompletion(commands);
+      return kExitOk;
+    };
+  });
+}
+
+void AddGlobals(CLI::App& program, Globals& globals) {
+  AddText(program, "--server", globals.server, "Where the server listens [127.0.0.1:7313]", "HOST:PORT")
+      ->envname("ORBITUNE_SERVER");
+  program.add_flag("--json", globals.json, "JSON on stdout (a line per row or event) and, for errors, on stderr");
+  AddNumber<double>(program, "--timeout", globals.timeout_s, "Seconds to wait for an answer [30]")
+      ->check([](const std::string& text) -> std::string {
+        const absl::StatusOr<double> value = ParseNumber<double>(text);
+        return value.ok() && *value > 0 && *value <= 1e6 ? "" : "must be above 0 and at most 1e6 seconds";
+      });
+  program.set_version_flag("--version", std::string("orbitune ") + ORBITUNE_VERSION);
+  program.require_subcommand(1);
+  program.fallthrough();  // the global options may come after the command, too
+}
+
+int UsageError(const CLI::App& program, const CLI::ParseError& error, bool json, const Terminal& terminal) {
+  if (error.get_exit_code() == 0) return program.exit(error, *terminal.out, *terminal.err);
+  *terminal.err << RenderError({grpc::StatusCode::INVALID_ARGUMENT, error.what()}, json);
+  if (!json) *terminal.err << "  `orbitune --help` and `orbitune COMMAND --help` tell what there is\n";
+  return kExitUsage;
+}
+
+}  // namespace
+
+int RunCli(const std::vector<std::string>& arguments, const Terminal& terminal) {
+  CLI::App program("Tunes orbital tracking controllers: the client of the Orbitune server.", "orbitune");
+  Globals globals;
+  Run run;
+  const auto shell = std::make_shared<std::string>();
+  AddGlobals(program, globals);
+  AddScenarios(program, run);
+  AddSubmit(program, run);
+  AddWatch(program, run);
+  AddJobs(program, run);
+  AddShow(program, run);
+  AddHistory(program, run);
+  AddTransitions(program, run);
+  AddSimulate(program, run);
+  AddCompletion(program, run, shell);
+  // Now that the commands are there, which would inherit them.
+  program.set_help_all_flag("--help-all", "The help of every command");
+  program.footer(kFooter);
+  try {
+    program.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));  // CLI11 wants them reversed
+  } catch (const CLI::ParseError& error) {
+    const bool json = std::find(arguments.begin(), arguments.end(), "--json") != arguments.end();
+    return UsageError(program, error, json, terminal);
+  }
+  Session session(globals, terminal);
+  return run(session);
+}
+
+}  // namespace orbitune::cli

@@ -1,0 +1,21 @@
+// What orbituned is told: flags before environment before configuration file before defaults.
+#pragma once
+
+#include <optional>
+#include <string>
+
+namespace orbitune {
+
+struct ServerConfig {
+  std::string data_dir;
+  std::string listen = "127.0.0.1:7313";
+  std::string http = "127.0.0.1:7314";
+  int threads = 0;  // 0: one per core
+  int max_running_jobs = 64;
+};
+
+// Parses the command line. Nothing if the process is to end at once, with `exit_code`: after --help, --version, or an
+// error that was printed.
+std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_code);
+
+}  // namespace orbitune

@@ -1,0 +1,74 @@
+// Carries committed events from the store's writer to whoever watches a job. Recent events are kept in memory, older
+// ones are the store's: a watcher that lags reads them there, and delays nobody.
+#pragma once
+
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "storage/job.h"
+
+namespace orbitune {
+
+// Thread-safe.
+class EventHub {
+ public:
+  using Event = std::shared_ptr<const JobEvent>;
+  // Called after each publication, on the publisher's thread; must not block nor call the hub back.
+  using Wake = std::function<void()>;
+
+  // Ends with the object: after its destruction the wake function is not called any more, nor running.
+  class Subscription {
+   public:
+    Subscription() = default;
+    Subscription(Subscription&& other) noexcept;
+    Subscription& operator=(Subscription&& other) noexcept;
+    ~Subscription();
+
+   private:
+    friend class EventHub;
+    Subscription(EventHub* hub, std::string job_id, std::uint64_t key)
+        : hub_(hub), job_id_(std::move(job_id)), key_(key) {}
+    EventHub* hub_ = nullptr;
+    std::string job_id_;
+    std::uint64_t key_ = 0;
+  };
+
+  explicit EventHub(std::size_t kept_per_job = 256) : kept_per_job_(kept_per_job) {}
+
+  // In the order of seq, for each job.
+  void Publish(const std::string& job_id, JobEvent event);
+
+  Subscription Subscribe(const std::string& job_id, Wake wake);
+
+  struct Recent {
+    std::vector<Event> events;  // in order, from after_seq + 1 on, dense
+    bool complete = false;      // what is not in `events`, but for the limit, has not happened yet
+  };
+  // The kept events after `after_seq`, at most `limit`. Not complete where the next one may be the store's alone.
+  Recent After(const std::string& job_id, std::int64_t after_seq, std::size_t limit) const;
+
+  // Lets go of a job's kept events; publications go on reaching its watchers.
+  void Forget(const std::string& job_id);
+
+ private:
+  struct Channel {
+    std::deque<Event> recent;  // dense in seq
+    std::map<std::uint64_t, Wake> watchers;
+  };
+
+  void Unsubscribe(const std::string& job_id, std::uint64_t key);
+
+  const std::size_t kept_per_job_;
+
+  mutable std::mutex mutex_;
+  // Guarded by mutex_.
+  std::map<std::string, Channel> channels_;
+  std::uint64_t next_key_ = 0;
+};
+
+}  // namespace orbitune

@@ -1,0 +1,328 @@
+#include "server/jobs/scheduler.h"
+
+#include <algorithm>
+#include <chrono>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/check.h"
+#include "core/search/ars.h"
+#include "core/sim/scalar_simulator.h"
+#include "server/jobs/report.h"
+#include "storage/serialise.h"
+
+namespace orbitune {
+
+TimeUs NowUs() {
+  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+std::string EtagOf(const JobRecord& record) { return absl::StrCat(record.id, "-", record.state_changes); }
+
+absl::Status CheckEtag(const JobRecord& record, const std::string& etag) {
+  if (etag.empty() || etag == EtagOf(record)) return absl::OkStatus();
+  return WithReason(absl::AbortedError(absl::StrCat("etag: jobs/", record.id, " has changed: its etag is ",
+                                                    EtagOf(record), ", got ", FormatReceived(etag))),
+                    "ETAG_MISMATCH");
+}
+
+absl::Status WrongState(const std::string& id, JobState state, std::string_view action, std::string_view needed) {
+  return WithReason(absl::FailedPreconditionError(absl::StrCat("jobs/", id, " is ", ToAbsl(NameOf(state)),
+                                                               "; to ", ToAbsl(action), " it, it must be ",
+                                                               ToAbsl(needed))),
+                    "JOB_STATE");
+}
+
+// One batch after the other: the search's iterations, then the report's three episodes. Everything but what `claimed`
+// and `finished` count is touched by one worker at a time: the one that ended the batch.
+struct Scheduler::Run {
+  Run(const JobRecord& record, PreparedScenario p) : prepared(std::move(p)) {
+    const ArsOptions& options = record.spec.scenario.search;
+    if (record.completed_iterations() == options.iterations) return;  // the report is all that is left
+    if (record.latest) {
+      search.emplace(options, *record.latest);
+      replayed = record.latest;
+    } else {
+      search.emplace(options);
+    }
+  }
+
+  const PreparedScenario prepared;
+  std::optional<ArsSearch> search;          // none in the report
+  std::optional<IterationRecord> replayed;  // the first iteration must come out as this stored one
+  std::vector<Gains> report_gains;
+  std::vector<EpisodeResult> results;
+  std::size_t claimed = 0;
+  std::size_t finished = 0;
+
+  std::span<const Gains> batch() const { return search ? search->batch() : report_gains; }
+  EpisodeOptions episode_options() const { return {.early_exit = search.has_value(), .measure_effort = !search}; }
+
+  void NextBatch(const JobRecord& record) {
+    if (search && search->done()) search.reset();
+    if (!search) report_gains = {record.first->gains, record.latest->gains, record.best->gains};
+    results.assign(batch().size(), {});
+    claimed = finished = 0;
+  }
+};
+
+struct Scheduler::Entry {
+  explicit Entry(JobRecord r) : record(std::move(r)) {}
+
+  JobRecord record;  // as of the newest event queued at the store
+  std::shared_ptr<Run> run;
+  std::int64_t pairs_left_out = 0;
+  int uncommitted = 0;
+
+  bool HasEpisode(const Options& options) const {
+    return run != nullptr && run->claimed < run->results.size() && uncommitted < options.max_uncommitted_iterations;
+  }
+};
+
+struct Scheduler::Episode {
+  EntryPtr entry;
+  std::shared_ptr<Run> run;
+  std::size_t index = 0;
+};
+
+Scheduler::Scheduler(JobStore& store, EventHub& hub, Options options) : store_(store), hub_(hub), options_(options) {
+  ORBITUNE_CHECK(options.threads > 0 && options.max_running_jobs > 0 && options.max_uncommitted_iterations > 0);
+}
+
+Scheduler::~Scheduler() { Stop(); }
+
+absl::Status Scheduler::Start() {
+  auto unfinished = store_.ListUnfinishedJobs();
+  if (!unfinished.ok()) return unfinished.status();
+  {
+    const std::lock_guard lock(mutex_);
+    for (JobRecord& record : *unfinished) {
+      auto entry = std::make_shared<Entry>(std::move(record));
+      entries_.emplace(entry->record.id, entry);
+      // One that ran when the last process ended goes before those that had not begun: the list is in order of
+      // creation, and jobs are begun in that order.
+      if (entry->record.state != JobState::kPaused) waiting_.push_back(entry);
+    }
+    StartWaiting();
+  }
+  for (int i = 0; i < options_.threads; ++i) workers_.emplace_back([this] { WorkerLoop(); });
+  return absl::OkStatus();
+}
+
+void Scheduler::Stop() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  work_.notify_all();
+  for (std::thread& worker : workers_) worker.join();
+  workers_.clear();
+  store_.Flush();  // its callbacks point here
+}
+
+void Scheduler::Add(const JobRecord& created) {
+  {
+    const std::lock_guard lock(mutex_);
+    auto entry = std::make_shared<Entry>(created);
+    // A repeated request may bring a job that is here already.
+    if (!entries_.emplace(created.id, entry).second) return;
+    waiting_.push_back(entry);
+    StartWaiting();
+  }
+  work_.notify_all();
+}
+
+// mutex_ held.
+void Scheduler::StartWaiting() {
+  while (!waiting_.empty() && ring_.size() < static_cast<std::size_t>(options_.max_running_jobs)) {
+    const EntryPtr entry = waiting_.front();
+    waiting_.pop_front();
+    ring_.push_back(entry);
+    Begin(*entry);
+  }
+}
+
+// mutex_ held.
+void Scheduler::Begin(Entry& entry) {
+  // The spec was validated when the job was created.
+  auto prepared = Prepare(entry.record.spec.scenario, entry.record.spec.initial_condition);
+  if (!prepared.ok()) {
+    RemoveFromRing(entry);
+    ChangeState(entry, {.state = JobState::kFailed, .message = std::string(prepared.status().message())}, {});
+    return;
+  }
+  entry.run = std::make_shared<Run>(entry.record, *std::move(prepared));
+  entry.run->NextBatch(entry.record);
+  if (entry.record.state != JobState::kRunning) ChangeState(entry, {.state = JobState::kRunning}, {});
+}
+
+// mutex_ held.
+void Scheduler::RemoveFromRing(const Entry& entry) {
+  std::erase_if(ring_, [&](const EntryPtr& e) { return e.get() == &entry; });
+  std::erase_if(waiting_, [&](const EntryPtr& e) { return e.get() == &entry; });
+}
+
+void Scheduler::WorkerLoop() {
+  Lock lock(mutex_);
+  Episode episode;
+  while (true) {
+    work_.wait(lock, [&] { return stopping_ || NextEpisode(episode); });
+    if (stopping_) return;
+    Run& run = *episode.run;
+    lock.unlock();
+    run.results[episode.index] =
+        SimulateEpisode(run.prepared.problem, run.batch()[episode.index], run.episode_options());
+    lock.lock();
+    FinishEpisode(episode, lock);
+    episode = {};
+  }
+}
+
+// mutex_ held.
+bool Scheduler::NextEpisode(Episode& episode) {
+  for (std::size_t tried = 0; tried < ring_.size(); ++tried) {
+    EntryPtr entry = ring_.front();
+    ring_.pop_front();
+    ring_.push_back(entry);
+    if (!entry->HasEpisode(options_)) continue;
+    episode = {.entry = entry, .run = entry->run, .index = entry->run->claimed++};
+    return true;
+  }
+  return false;
+}
+
+void Scheduler::FinishEpisode(const Episode& episode, Lock& lock) {
+  if (++episode.run->finished == episode.run->results.size()) FinishBatch(episode, lock);
+}
+
+void Scheduler::FinishBatch(const Episode& last, Lock& lock) {
+  Entry& entry = *last.entry;
+  Run& run = *last.run;
+  if (run.search) {
+    // The run is this worker's alone: every episode is claimed.
+    lock.unlock();
+    const auto record = run.search->Update(run.results);
+    lock.lock();
+    if (entry.run == last.run) FinishIteration(entry, run, record);  // else paused or cancelled meanwhile
+  } else if (entry.run == last.run) {
+    FinishReport(entry, run);
+  }
+  work_.notify_all();
+}
+
+// mutex_ held.
+void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record) {
+  const auto fail = [&](std::string message) {
+    RemoveFromRing(entry);
+    ChangeState(entry, {.state = JobState::kFailed, .message = std::move(message)}, {});
+    StartWaiting();
+  };
+  if (!record.ok()) {
+    return fail(absl::StrCat(std::string(record.status().message()), ". Under K(", run.search->iteration(), "): ",
+                             DescribeOutcome(run.results[0], run.prepared)));
+  }
+  JobRecord& job = entry.record;
+  if (run.replayed) {
+    if (!Identical(*run.replayed, *record)) {
+      return fail(absl::StrCat("iteration ", record->iteration,
+                               ", run again to go on from it, differs from the one stored: this server's numerics are "
+                               "not those that the job was begun with"));
+    }
+    run.replayed.reset();
+  } else {
+    const EntryPtr self = entries_.at(job.id);
+    const std::int64_t seq = ++job.last_seq;
+    if (!job.first) job.first = *record;
+    if (!job.best || Better(*record, *job.best)) job.best = *record;
+    job.latest = *record;
+    entry.pairs_left_out += record->pairs_left_out;
+    ++entry.uncommitted;
+    store_.AppendIteration(job.id, seq, *record, [this, self, id = job.id, seq, r = *record](const absl::Status& s) {
+      if (s.ok()) hub_.Publish(id, {.seq = seq, .what = r});
+      Committed(self);
+    });
+  }
+  run.NextBatch(job);
+}
+
+// mutex_ held.
+void Scheduler::FinishReport(Entry& entry, Run& run) {
+  StateChange change{.state = JobState::kSucceeded};
+  change.report = BuildReport(entry.record, run.prepared, run.results, entry.pairs_left_out);
+  RemoveFromRing(entry);
+  ChangeState(entry, std::move(change), {});
+  StartWaiting();
+}
+
+void Scheduler::Committed(const EntryPtr& entry) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (entry->uncommitted-- < options_.max_uncommitted_iterations) return;
+  }
+  work_.notify_all();
+}
+
+// mutex_ held; the entry is in the right lists already.
+void Scheduler::ChangeState(Entry& entry, StateChange change, Done done) {
+  JobRecord& job = entry.record;
+  change.time_us = NowUs();
+  job.state = change.state;
+  job.update_time_us = change.time_us;
+  if (job.state == JobState::kRunning && job.start_time_us == 0) job.start_time_us = change.time_us;
+  if (IsTerminal(job.state)) job.end_time_us = change.time_us;
+  job.error_message = change.message;
+  job.report = change.report;
+  ++job.state_changes;
+  const std::int64_t seq = ++job.last_seq;
+  if (job.state != JobState::kRunning) entry.run.reset();
+  store_.ChangeState(job.id, seq, change, [this, job, change, done = std::move(done)](const absl::Status& status) {
+    if (status.ok()) hub_.Publish(job.id, {.seq = job.last_seq, .what = change});
+    if (IsTerminal(job.state)) hub_.Forget(job.id);
+    if (done) status.ok() ? done(job) : done(status);
+  });
+  if (IsTerminal(job.state)) entries_.erase(job.id);
+}
+
+void Scheduler::Transition(const std::string& id, const std::string& etag, std::string_view action,
+                           std::string_view needed, const std::function<bool(JobState)>& allowed, JobState to,
+                           Done done) {
+  Lock lock(mutex_);
+  const auto found = entries_.find(id);
+  if (found == entries_.end()) {
+    lock.unlock();
+    // A job whose last change is still on its way to the disk is there once that is.
+    store_.Flush();
+    auto ended = store_.GetJob(id);
+    return done(ended.ok() ? WrongState(id, ended->state, action, needed) : ended.status());
+  }
+  const EntryPtr entry = found->second;
+  if (!allowed(entry->record.state)) return done(WrongState(id, entry->record.state, action, needed));
+  if (absl::Status status = CheckEtag(entry->record, etag); !status.ok()) return done(status);
+  RemoveFromRing(*entry);
+  if (to == JobState::kQueued) waiting_.push_back(entry);
+  ChangeState(*entry, {.state = to}, std::move(done));
+  StartWaiting();
+  lock.unlock();
+  work_.notify_all();
+}
+
+void Scheduler::Pause(const std::string& id, const std::string& etag, Done done) {
+  Transition(
+      id, etag, "pause", "QUEUED or RUNNING",
+      [](JobState s) { return s == JobState::kQueued || s == JobState::kRunning; }, JobState::kPaused,
+      std::move(done));
+}
+
+void Scheduler::Resume(const std::string& id, const std::string& etag, Done done) {
+  Transition(
+      id, etag, "resume", "PAUSED", [](JobState s) { return s == JobState::kPaused; }, JobState::kQueued,
+      std::move(done));
+}
+
+void Scheduler::Cancel(const std::string& id, const std::string& etag, Done done) {
+  Transition(
+      id, etag, "cancel", "QUEUED, RUNNING or PAUSED", [](JobState s) { return !IsTerminal(s); },
+      JobState::kCancelled, std::move(done));
+}
+
+}  // namespace orbitune

@@ -1,0 +1,294 @@
+#include "server/service/use_cases.h"
+
+#include <algorithm>
+#include <cctype>
+#include <future>
+#include <random>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "core/sim/scalar_simulator.h"
+#include "server/jobs/report.h"
+#include "server/service/list_filter.h"
+#include "server/service/page_token.h"
+#include "storage/serialise.h"
+
+namespace orbitune {
+namespace {
+
+constexpr std::size_t kLongestName = 256;
+constexpr std::size_t kLongestDescription = 4096;
+constexpr std::size_t kLongestId = 64;
+constexpr std::size_t kLongestRequestId = 128;
+constexpr std::size_t kMostLabels = 64;
+constexpr std::string_view kIdCharacters = "a to z, 0 to 9, '.', '_' and '-'";
+
+bool IsIdText(std::string_view text) {
+  return std::ranges::all_of(text, [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '.' || c == '_' || c == '-';
+  });
+}
+
+void CheckLength(FieldErrors& errors, std::string_view field, const std::string& text, std::size_t longest) {
+  if (text.size() > longest) errors.Add(field, absl::StrCat("at most ", longest, " bytes"), FormatReceived(text));
+}
+
+void CheckId(FieldErrors& errors, std::string_view field, const std::string& text, std::size_t shortest) {
+  if (text.size() < shortest || text.size() > kLongestId || !IsIdText(text)) {
+    errors.Add(field, absl::StrCat(shortest, " to ", kLongestId, " of ", ToAbsl(kIdCharacters)), FormatReceived(text));
+  }
+}
+
+void CheckLabels(FieldErrors& errors, const std::map<std::string, std::string>& labels) {
+  if (labels.size() > kMostLabels) {
+    errors.Add("labels", absl::StrCat("at most ", kMostLabels), absl::StrCat(labels.size()));
+  }
+  for (const auto& [key, value] : labels) {
+    CheckId(errors, "labels key", key, 1);
+    CheckLength(errors, absl::StrCat("labels.", key.substr(0, kLongestId)), value, kLongestName);
+  }
+}
+
+absl::Status UnknownScenario(const std::string& id) {
+  std::string known;
+  for (const Scenario& preset : Presets()) absl::StrAppend(&known, known.empty() ? "" : ", ", "scenarios/", preset.id);
+  FieldErrors errors;
+  errors.Add("scenario", absl::StrCat("one of ", known, ", or a scenario_definition"), FormatReceived(id));
+  return errors.ToStatus();
+}
+
+// A definition that bears a preset's name is not that preset, and must not pass for it in a list.
+std::string IdOfDefinition(const std::string& id) {
+  return FindPreset(id) == nullptr ? id : absl::StrCat(id, "-modified");
+}
+
+absl::StatusOr<Scenario> Choose(const ScenarioChoice& choice) {
+  FieldErrors errors;
+  if (choice.definition.has_value() == !choice.preset_id.empty()) {
+    errors.Add("scenario", "given either by name or as a scenario_definition",
+               choice.definition ? "both" : "neither");
+    return errors.ToStatus();
+  }
+  if (!choice.definition) {
+    const Scenario* preset = FindPreset(choice.preset_id);
+    return preset == nullptr ? absl::StatusOr<Scenario>(UnknownScenario(choice.preset_id)) : *preset;
+  }
+  Scenario scenario = *choice.definition;
+  CheckId(errors, "scenario_definition.name", scenario.id, 0);
+  CheckLength(errors, "scenario_definition.display_name", scenario.display_name, kLongestName);
+  CheckLength(errors, "scenario_definition.description", scenario.description, kLongestDescription);
+  errors.Merge("scenario_definition", scenario.Validate());
+  if (!errors.empty()) return errors.ToStatus();
+  scenario.id = IdOfDefinition(scenario.id);
+  return scenario;
+}
+
+// The spec a job runs with, everything filled in.
+absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
+  FieldErrors errors;
+  CheckLength(errors, "display_name", job.display_name, kLongestName);
+  CheckLabels(errors, job.labels);
+  JobSpec spec{.display_name = job.display_name, .labels = job.labels};
+  auto scenario = Choose(job.scenario);
+  if (scenario.ok()) {
+    spec.scenario = *std::move(scenario);
+    job.search.ApplyTo(spec.scenario.search);
+    const bool own = std::holds_alternative<std::monostate>(job.initial_condition);
+    spec.initial_condition = own ? spec.scenario.chaser : job.initial_condition;
+    errors.Merge("hyperparameters", spec.scenario.search.Validate());
+    const auto chaser = Resolve(spec.initial_condition, spec.scenario.gravitational_parameter_km3_s2);
+    errors.Merge("initial_condition", chaser.status());
+  }
+  FieldErrors all;
+  for (const absl::Status& status : {errors.ToStatus(), scenario.status()}) {
+    for (const FieldViolation& v : FieldViolationsOf(status)) all.AddViolation({absl::StrCat("job.", v.field), v.description});
+  }
+  if (!all.empty()) return all.ToStatus();
+  return spec;
+}
+
+std::string NewId() {
+  static constexpr std::string_view kAlphabet = "abcdefghijklmnopqrstuvwxyz234567";
+  std::random_device random;
+  std::string id;
+  for (int i = 0; i < 12; ++i) id += kAlphabet[random() % kAlphabet.size()];
+  return id;
+}
+
+}  // namespace
+
+void SearchOverrides::ApplyTo(ArsOptions& options) const {
+  options.iterations = iterations.value_or(options.iterations);
+  options.step_size = step_size.value_or(options.step_size);
+  options.exploration_scale = exploration_scale.value_or(options.exploration_scale);
+  options.directions = directions.value_or(options.directions);
+  options.initial_gains = initial_gains.value_or(options.initial_gains);
+  options.exploration_std = exploration_std.value_or(options.exploration_std);
+  options.gain_floor = gain_floor.value_or(options.gain_floor);
+  options.seed = seed.value_or(options.seed);
+}
+
+absl::StatusOr<JobRecord> UseCases::CreateJob(const NewJob& job, const std::string& request_id, bool validate_only) {
+  FieldErrors errors;
+  CheckLength(errors, "request_id", request_id, kLongestRequestId);
+  if (!errors.empty()) return errors.ToStatus();
+  auto spec = Resolve(job);
+  if (!spec.ok()) return spec.status();
+  if (validate_only) return JobRecord{.spec = *std::move(spec), .create_time_us = NowUs()};
+  const std::string id = NewId();
+  const auto digest = ToJson(*spec);
+  if (!digest.ok()) return digest.status();
+  std::promise<absl::StatusOr<JobRecord>> created;
+  store_.CreateJob(id, *std::move(spec), NowUs(), request_id, *digest,
+                   [&created](absl::StatusOr<JobRecord> record) { created.set_value(std::move(record)); });
+  auto record = created.get_future().get();
+  if (record.ok() && record->id == id) {  // else an earlier call created it
+    hub_.Publish(record->id, {.seq = 1, .what = StateChange{.time_us = record->create_time_us}});
+    scheduler_.Add(*record);
+  }
+  return record;
+}
+
+absl::StatusOr<JobRecord> UseCases::GetJob(const std::string& id) { return store_.GetJob(id); }
+
+absl::StatusOr<Page<JobRecord>> UseCases::ListJobs(int page_size, const std::string& page_token,
+                                                  const std::string& filter, const std::string& order_by) {
+  FieldErrors errors;
+  CheckLength(errors, "filter", filter, 4096);
+  CheckLength(errors, "page_token", page_token, 4096);
+  if (!errors.empty()) return errors.ToStatus();
+  JobQuery query;
+  auto parsed = ParseFilter(filter);
+  if (!parsed.ok()) return parsed.status();
+  query.filter = *std::move(parsed);
+  if (absl::Status status = ParseOrder(order_by, query); !status.ok()) return status;
+  const auto size = PageSize(page_size, 50, 1000);
+  if (!size.ok()) return size.status();
+  const std::string list = absl::StrCat("jobs\n", filter, "\n", order_by);
+  if (!page_token.empty()) {
+    const auto parts = ReadPageToken(page_token, list, 2);
+    if (!parts.ok()) return parts.status();
+    double key = kUnset;
+    (void)absl::SimpleAtod(parts->at(0), &key);
+    query.after = JobQuery::Cursor{.key = key, .id = parts->at(1)};
+  }
+  query.limit = *size + 1;  // the one beyond tells whether there is a next page
+  auto jobs = store_.ListJobs(query);
+  if (!jobs.ok()) return jobs.status();
+  Page<JobRecord> page{.items = *std::move(jobs)};
+  if (page.items.size() == static_cast<std::size_t>(query.limit)) {
+    page.items.pop_back();
+    const JobRecord& last = page.items.back();
+    const double key = query.order == JobQuery::Order::kCreateTime ? static_cast<double>(last.create_time_us)
+                       : last.best                                 ? last.best->cost
+                                                                   : kUnset;
+    page.next_page_token = MakePageToken(list, {FormatNumber(key), last.id});
+  }
+  return page;
+}
+
+absl::StatusOr<JobRecord> UseCases::Await(Transition transition, const std::string& id, const std::string& etag) {
+  std::promise<absl::StatusOr<JobRecord>> changed;
+  (scheduler_.*transition)(id, etag,
+                           [&changed](absl::StatusOr<JobRecord> record) { changed.set_value(std::move(record)); });
+  return changed.get_future().get();
+}
+
+absl::StatusOr<JobRecord> UseCases::PauseJob(const std::string& id, const std::string& etag) {
+  return Await(&Scheduler::Pause, id, etag);
+}
+
+absl::StatusOr<JobRecord> UseCases::ResumeJob(const std::string& id, const std::string& etag) {
+  return Await(&Scheduler::Resume, id, etag);
+}
+
+absl::StatusOr<JobRecord> UseCases::CancelJob(const std::string& id, const std::string& etag) {
+  return Await(&Scheduler::Cancel, id, etag);
+}
+
+absl::Status UseCases::DeleteJob(const std::string& id, const std::string& etag) {
+  const auto record = store_.GetJob(id);
+  if (!record.ok()) return record.status();
+  if (!IsTerminal(record->state)) {
+    return WrongState(id, record->state, "delete", "SUCCEEDED, FAILED or CANCELLED (cancel it first)");
+  }
+  if (absl::Status status = CheckEtag(*record, etag); !status.ok()) return status;
+  std::promise<absl::Status> deleted;
+  store_.DeleteJob(id, [&deleted](absl::Status status) { deleted.set_value(std::move(status)); });
+  return deleted.get_future().get();
+}
+
+absl::StatusOr<Page<IterationRecord>> UseCases::ListIterations(const std::string& id, int page_size,
+                                                              const std::string& page_token) {
+  const auto size = PageSize(page_size, 1000, 10'000);
+  if (!size.ok()) return size.status();
+  const std::string list = absl::StrCat("iterations\n", id);
+  int after = 0;
+  if (!page_token.empty()) {
+    const auto parts = ReadPageToken(page_token, list, 1);
+    if (!parts.ok()) return parts.status();
+    (void)absl::SimpleAtoi(parts->at(0), &after);
+  }
+  auto records = store_.ListIterations(id, after, *size + 1);
+  if (!records.ok()) return records.status();
+  Page<IterationRecord> page{.items = *std::move(records)};
+  if (page.items.size() > static_cast<std::size_t>(*size)) {
+    page.items.pop_back();
+    page.next_page_token = MakePageToken(list, {absl::StrCat(page.items.back().iteration)});
+  }
+  return page;
+}
+
+absl::StatusOr<Page<Scenario>> UseCases::ListScenarios(int page_size, const std::string& page_token) {
+  const auto size = PageSize(page_size, 50, 1000);
+  if (!size.ok()) return size.status();
+  const auto presets = Presets();
+  std::size_t begin = 0;
+  if (!page_token.empty()) {
+    const auto parts = ReadPageToken(page_token, "scenarios", 1);
+    if (!parts.ok()) return parts.status();
+    (void)absl::SimpleAtoi(parts->at(0), &begin);
+  }
+  begin = std::min(begin, presets.size());
+  const std::size_t end = std::min(begin + static_cast<std::size_t>(*size), presets.size());
+  Page<Scenario> page{.items = {presets.begin() + static_cast<std::ptrdiff_t>(begin),
+                                presets.begin() + static_cast<std::ptrdiff_t>(end)}};
+  if (end < presets.size()) page.next_page_token = MakePageToken("scenarios", {absl::StrCat(end)});
+  return page;
+}
+
+absl::StatusOr<Scenario> UseCases::GetScenario(const std::string& id) {
+  const Scenario* preset = FindPreset(id);
+  if (preset != nullptr) return *preset;
+  return absl::NotFoundError(absl::StrCat("no scenario ", FormatReceived(id)));
+}
+
+absl::StatusOr<EpisodeAnswer> UseCases::SimulateEpisode(const EpisodeRequest& request) {
+  auto scenario = Choose(request.scenario);
+  if (!scenario.ok()) return scenario.status();
+  FieldErrors errors;
+  const Gains gains = request.gains.value_or(scenario->search.initial_gains);
+  for (std::size_t i = 0; i < kGainCount; ++i) {
+    if (!(gains[i] > 0 && gains[i] <= ArsOptions::kMaxGain)) {
+      errors.AddNumber(absl::StrCat("gains.k", i + 1), absl::StrCat("in (0, ", ArsOptions::kMaxGain, "]"), gains[i]);
+    }
+  }
+  if (request.sample_stride < 0) errors.AddNumber("sample_stride", ">= 0 (0: 1)", request.sample_stride);
+  if (!errors.empty()) return errors.ToStatus();
+  auto prepared = Prepare(*scenario, request.initial_condition);
+  if (!prepared.ok()) return prepared.status();
+
+  EpisodeAnswer answer{.prepared = *std::move(prepared)};
+  std::vector<EpisodeSample> samples;
+  const EpisodeResult result =
+      orbitune::SimulateEpisode(answer.prepared.problem, gains,
+                                {.early_exit = request.early_exit,
+                                 .measure_effort = true,
+                                 .trajectory = request.include_trajectory ? &samples : nullptr});
+  answer.report = ToReport(result, answer.prepared);
+  const auto stride = static_cast<std::size_t>(std::max(request.sample_stride, 1));
+  for (std::size_t i = 0; i < samples.size(); i += stride) answer.trajectory.push_back(samples[i]);
+  return answer;
+}
+
+}  // namespace orbitune

@@ -1,0 +1,96 @@
+// The use cases, in domain types, once for every transport. Validation lives here.
+#pragma once
+
+#include <optional>
+
+#include "core/scenario/presets.h"
+#include "server/jobs/event_hub.h"
+#include "server/jobs/scheduler.h"
+#include "storage/job_store.h"
+
+namespace orbitune {
+
+// Where a scenario comes from: exactly one of the two.
+struct ScenarioChoice {
+  std::string preset_id;  // without "scenarios/"
+  std::optional<Scenario> definition;
+};
+
+// Hyperparameters as a user gives them: what is unset takes the scenario's value.
+struct SearchOverrides {
+  std::optional<int> iterations;
+  std::optional<double> step_size;
+  std::optional<double> exploration_scale;
+  std::optional<int> directions;
+  std::optional<Gains> initial_gains;
+  std::optional<Gains> exploration_std;
+  std::optional<double> gain_floor;
+  std::optional<std::uint64_t> seed;
+
+  void ApplyTo(ArsOptions& options) const;
+};
+
+struct NewJob {
+  std::string display_name;
+  std::map<std::string, std::string> labels;
+  ScenarioChoice scenario;
+  OrbitState initial_condition;  // std::monostate: the scenario's chaser
+  SearchOverrides search;
+};
+
+struct EpisodeRequest {
+  ScenarioChoice scenario;
+  OrbitState initial_condition;
+  std::optional<Gains> gains;  // the scenario's initial gains
+  bool early_exit = false;
+  bool include_trajectory = false;
+  int sample_stride = 0;  // 0: 1
+};
+
+struct EpisodeAnswer {
+  PreparedScenario prepared;
+  EpisodeReport report;
+  std::vector<EpisodeSample> trajectory;  // every sample_stride-th
+};
+
+template <typename T>
+struct Page {
+  std::vector<T> items;
+  std::string next_page_token;  // empty: that was all
+};
+
+// Thread-safe. Calls that write wait until what they say is on disk; none must be made where blocking is not allowed.
+// All errors: INVALID_ARGUMENT with field violations, NOT_FOUND, and what the store and the scheduler say.
+class UseCases {
+ public:
+  // All outlive this.
+  UseCases(JobStore& store, Scheduler& scheduler, EventHub& hub) : store_(store), scheduler_(scheduler), hub_(hub) {}
+
+  absl::StatusOr<JobRecord> CreateJob(const NewJob& job, const std::string& request_id, bool validate_only);
+  absl::StatusOr<JobRecord> GetJob(const std::string& id);
+  absl::StatusOr<Page<JobRecord>> ListJobs(int page_size, const std::string& page_token, const std::string& filter,
+                                           const std::string& order_by);
+  absl::StatusOr<JobRecord> PauseJob(const std::string& id, const std::string& etag);
+  absl::StatusOr<JobRecord> ResumeJob(const std::string& id, const std::string& etag);
+  absl::StatusOr<JobRecord> CancelJob(const std::string& id, const std::string& etag);
+  absl::Status DeleteJob(const std::string& id, const std::string& etag);
+  absl::StatusOr<Page<IterationRecord>> ListIterations(const std::string& id, int page_size,
+                                                       const std::string& page_token);
+  absl::StatusOr<Page<Scenario>> ListScenarios(int page_size, const std::string& page_token);
+  absl::StatusOr<Scenario> GetScenario(const std::string& id);
+  absl::StatusOr<EpisodeAnswer> SimulateEpisode(const EpisodeRequest& request);
+
+  // For watchers: events as the hub and the store have them.
+  EventHub& hub() { return hub_; }
+  const JobStore& store() const { return store_; }
+
+ private:
+  using Transition = void (Scheduler::*)(const std::string&, const std::string&, Scheduler::Done);
+  absl::StatusOr<JobRecord> Await(Transition transition, const std::string& id, const std::string& etag);
+
+  JobStore& store_;
+  Scheduler& scheduler_;
+  EventHub& hub_;
+};
+
+}  // namespace orbitune
