@@ -1,0 +1,111 @@
+// Jobs as the store keeps them: the exact inputs, the state, the history and the report, in domain types.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "core/scenario/scenario.h"
+
+namespace orbitune {
+
+enum class JobState { kQueued, kRunning, kPaused, kSucceeded, kFailed, kCancelled };
+
+// No transition leads out of these.
+inline bool IsTerminal(JobState state) {
+  return state == JobState::kSucceeded || state == JobState::kFailed || state == JobState::kCancelled;
+}
+
+// Microseconds since the Unix epoch, UTC.
+using TimeUs = std::int64_t;
+
+// Everything a job's results are a function of, and how its owner calls it. Never changes.
+struct JobSpec {
+  std::string display_name;
+  std::map<std::string, std::string> labels;
+  Scenario scenario;             // scenario.search holds the job's own hyperparameters
+  OrbitState initial_condition;  // what is flown, never std::monostate
+};
+
+// An episode over the full horizon, in physical units; NaN where an episode does not have the value.
+struct EpisodeReport {
+  Outcome outcome = Outcome::kNumericalFailure;
+  std::string outcome_message;
+  double end_time_s = kUnset;
+  double cost = kUnset;
+  int settling_samples = 0;
+  double settling_time_s = kUnset;
+  double fuel_sum = kUnset;
+  double delta_v_to_settling_m_s = kUnset;
+  double delta_v_horizon_m_s = kUnset;
+  double peak_acceleration_m_s2 = kUnset;
+  double initial_lyapunov = kUnset;
+  bool domain_guaranteed = false;  // V(0) < (1 - e_r)^2 / 2
+};
+
+struct GainsAssessment {
+  int iteration = 0;
+  Gains gains{};
+  EpisodeReport episode;
+};
+
+enum class WarningKind {
+  kGainAtFloor,
+  kLastNotBest,
+  kPeakAcceleration,
+  kNotSettled,
+  kDeltaVRose,
+  kPairsLeftOut,
+};
+
+struct Warning {
+  WarningKind kind = WarningKind::kGainAtFloor;
+  std::string message;
+};
+
+// What a job that succeeded found.
+struct JobReport {
+  GainsAssessment initial;  // K(1)
+  GainsAssessment final;    // K(M)
+  GainsAssessment best;     // the best K(i)
+  std::vector<Warning> warnings;
+  std::int64_t episodes = 0;  // simulated by the search
+};
+
+struct StateChange {
+  JobState state = JobState::kQueued;
+  TimeUs time_us = 0;
+  std::string message;              // why, where kFailed
+  std::optional<JobReport> report;  // where kSucceeded
+};
+
+// One entry of a job's sequence; seq is dense from 1 (the change to kQueued at creation).
+struct JobEvent {
+  std::int64_t seq = 0;
+  std::variant<IterationRecord, StateChange> what;
+};
+
+// A job as of its newest committed event.
+struct JobRecord {
+  std::string id;
+  JobSpec spec;
+  JobState state = JobState::kQueued;
+  TimeUs create_time_us = 0;
+  TimeUs start_time_us = 0;   // 0: not yet
+  TimeUs end_time_us = 0;     // 0: not yet
+  TimeUs update_time_us = 0;  // of the newest state change
+  std::int64_t last_seq = 0;
+  std::int64_t state_changes = 0;  // so far; the etag is made of it
+  std::optional<IterationRecord> first;
+  std::optional<IterationRecord> latest;
+  std::optional<IterationRecord> best;  // by Better (core/search/search.h), the earliest of equals
+  std::optional<JobReport> report;
+  std::string error_message;
+
+  int completed_iterations() const { return latest ? latest->iteration : 0; }
+};
+
+}  // namespace orbitune

@@ -1,0 +1,348 @@
+#include "storage/serialise.h"
+
+#include <array>
+#include <cmath>
+#include <concepts>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <type_traits>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+
+namespace orbitune {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::string_view kInfinity = "Infinity";
+constexpr std::string_view kMinusInfinity = "-Infinity";
+
+// The names of an enum's values, in their order.
+template <typename E>
+constexpr std::array<std::string_view, 0> kNames{};
+template <>
+constexpr std::array<std::string_view, 6> kNames<JobState>{"QUEUED",    "RUNNING", "PAUSED",
+                                                           "SUCCEEDED", "FAILED",  "CANCELLED"};
+template <>
+constexpr std::array<std::string_view, 4> kNames<Outcome>{"SETTLED", "NOT_SETTLED", "LEFT_DOMAIN", "NUMERICAL_FAILURE"};
+template <>
+constexpr std::array<std::string_view, 2> kNames<ControlHold>{"CONTINUOUS", "ZERO_ORDER"};
+template <>
+constexpr std::array<std::string_view, 2> kNames<KeplerianState::Position>{"TRUE_ANOMALY", "TRUE_LONGITUDE"};
+template <>
+constexpr std::array<std::string_view, 6> kNames<WarningKind>{"GAIN_AT_FLOOR", "LAST_NOT_BEST", "PEAK_ACCELERATION",
+                                                              "NOT_SETTLED",   "DELTA_V_ROSE",  "PAIRS_LEFT_OUT"};
+
+// The fields of each struct, once for writing and reading: visit(name, field).
+template <typename T, typename U>
+concept Is = std::same_as<std::remove_const_t<T>, U>;
+
+template <Is<KeplerianState> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("semi_major_axis_km", s.semi_major_axis_km);
+  visit("eccentricity", s.eccentricity);
+  visit("inclination_deg", s.inclination_deg);
+  visit("raan_deg", s.raan_deg);
+  visit("argument_of_periapsis_deg", s.argument_of_periapsis_deg);
+  visit("position", s.position);
+  visit("position_deg", s.position_deg);
+}
+
+template <Is<EquinoctialState> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("p_km", s.p_km);
+  visit("ex", s.ex);
+  visit("ey", s.ey);
+  visit("hx", s.hx);
+  visit("hy", s.hy);
+  visit("true_longitude_deg", s.true_longitude_deg);
+}
+
+template <Is<CartesianStateKm> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("x_km", s.x_km);
+  visit("y_km", s.y_km);
+  visit("z_km", s.z_km);
+  visit("x_dot_km_s", s.x_dot_km_s);
+  visit("y_dot_km_s", s.y_dot_km_s);
+  visit("z_dot_km_s", s.z_dot_km_s);
+}
+
+template <Is<ArsOptions> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("iterations", s.iterations);
+  visit("step_size", s.step_size);
+  visit("exploration_scale", s.exploration_scale);
+  visit("directions", s.directions);
+  visit("initial_gains", s.initial_gains);
+  visit("exploration_std", s.exploration_std);
+  visit("gain_floor", s.gain_floor);
+  visit("seed", s.seed);
+}
+
+template <Is<Scenario> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("id", s.id);
+  visit("display_name", s.display_name);
+  visit("description", s.description);
+  visit("gravitational_parameter_km3_s2", s.gravitational_parameter_km3_s2);
+  visit("target", s.target);
+  visit("chaser", s.chaser);
+  visit("sampling_period_s", s.sampling_period_s);
+  visit("horizon_samples", s.horizon_samples);
+  visit("fuel_weight", s.fuel_weight);
+  visit("settling_distance_km", s.settling_distance_km);
+  visit("velocity_unit_m_s", s.velocity_unit_m_s);
+  visit("acceleration_unit_m_s2", s.acceleration_unit_m_s2);
+  visit("control_hold", s.control_hold);
+  visit("integration_tolerance", s.integration_tolerance);
+  visit("search", s.search);
+}
+
+template <Is<JobSpec> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("display_name", s.display_name);
+  visit("labels", s.labels);
+  visit("scenario", s.scenario);
+  visit("initial_condition", s.initial_condition);
+}
+
+template <Is<EpisodeReport> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("outcome", s.outcome);
+  visit("outcome_message", s.outcome_message);
+  visit("end_time_s", s.end_time_s);
+  visit("cost", s.cost);
+  visit("settling_samples", s.settling_samples);
+  visit("settling_time_s", s.settling_time_s);
+  visit("fuel_sum", s.fuel_sum);
+  visit("delta_v_to_settling_m_s", s.delta_v_to_settling_m_s);
+  visit("delta_v_horizon_m_s", s.delta_v_horizon_m_s);
+  visit("peak_acceleration_m_s2", s.peak_acceleration_m_s2);
+  visit("initial_lyapunov", s.initial_lyapunov);
+  visit("domain_guaranteed", s.domain_guaranteed);
+}
+
+template <Is<GainsAssessment> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("iteration", s.iteration);
+  visit("gains", s.gains);
+  visit("episode", s.episode);
+}
+
+template <Is<Warning> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("kind", s.kind);
+  visit("message", s.message);
+}
+
+template <Is<JobReport> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("initial", s.initial);
+  visit("final", s.final);
+  visit("best", s.best);
+  visit("warnings", s.warnings);
+  visit("episodes", s.episodes);
+}
+
+// The forms of an OrbitState by their names; std::monostate is null.
+template <typename V>
+void VisitForms(V&& visit) {
+  visit("keplerian", KeplerianState{});
+  visit("equinoctial", EquinoctialState{});
+  visit("cartesian", CartesianStateKm{});
+}
+
+// ---- writing
+
+Json Encode(double value) {
+  if (std::isnan(value)) return nullptr;
+  if (std::isinf(value)) return value > 0 ? kInfinity : kMinusInfinity;
+  return value;
+}
+Json Encode(bool value) { return value; }
+Json Encode(const std::string& value) { return value; }
+Json Encode(const std::map<std::string, std::string>& value) { return value; }
+template <std::integral T>
+Json Encode(T value) {
+  return value;
+}
+template <typename E>
+requires std::is_enum_v<E> Json Encode(E value) { return kNames<E>[static_cast<std::size_t>(value)]; }
+Json Encode(const OrbitState& state);
+Json Encode(const Gains& gains);
+Json Encode(const std::vector<Warning>& warnings);
+template <typename T>
+requires std::is_class_v<T> Json Encode(const T& value) {
+  Json object = Json::object();
+  VisitFields(value, [&object](const char* name, const auto& field) { object[name] = Encode(field); });
+  return object;
+}
+
+Json Encode(const OrbitState& state) {
+  Json object;
+  VisitForms([&](const char* name, const auto& form) {
+    const auto* held = std::get_if<std::remove_cvref_t<decltype(form)>>(&state);
+    if (held != nullptr) object[name] = Encode(*held);
+  });
+  return object;
+}
+
+Json Encode(const Gains& gains) {
+  Json array = Json::array();
+  for (const double gain : gains) array.push_back(Encode(gain));
+  return array;
+}
+
+Json Encode(const std::vector<Warning>& warnings) {
+  Json array = Json::array();
+  for (const Warning& warning : warnings) array.push_back(Encode(warning));
+  return array;
+}
+
+// ---- reading
+
+// Reads into structs and keeps the first fault met; what is read after one is of no use.
+class Decoder {
+ public:
+  const absl::Status& status() const { return status_; }
+
+  void Read(const Json& json, const std::string& path, double& value) {
+    if (json.is_null()) {
+      value = std::numeric_limits<double>::quiet_NaN();
+    } else if (json.is_number()) {
+      value = json.get<double>();
+    } else if (json == kInfinity || json == kMinusInfinity) {
+      value = json == kInfinity ? std::numeric_limits<double>::infinity() : -std::numeric_limits<double>::infinity();
+    } else {
+      Fault(path, "is not a number");
+    }
+  }
+
+  void Read(const Json& json, const std::string& path, bool& value) {
+    if (Expect(json.is_boolean(), path, "is not a boolean")) value = json.get<bool>();
+  }
+
+  void Read(const Json& json, const std::string& path, std::string& value) {
+    if (Expect(json.is_string(), path, "is not a text")) value = json.get<std::string>();
+  }
+
+  template <std::integral T>
+  void Read(const Json& json, const std::string& path, T& value) {
+    const bool fits = json.is_number_unsigned()
+                          ? std::in_range<T>(json.get<std::uint64_t>())
+                          : json.is_number_integer() && std::in_range<T>(json.get<std::int64_t>());
+    if (Expect(fits, path, "is not an integer in its range")) value = json.get<T>();
+  }
+
+  template <typename E>
+  requires std::is_enum_v<E>
+  void Read(const Json& json, const std::string& path, E& value) {
+    for (std::size_t i = 0; i < kNames<E>.size(); ++i) {
+      if (json == kNames<E>[i]) {
+        value = static_cast<E>(i);
+        return;
+      }
+    }
+    Fault(path, "is not one of the known names");
+  }
+
+  void Read(const Json& json, const std::string& path, std::map<std::string, std::string>& value) {
+    if (!Expect(json.is_object(), path, "is not an object")) return;
+    for (const auto& [key, text] : json.items()) Read(text, absl::StrCat(path, ".", key), value[key]);
+  }
+
+  void Read(const Json& json, const std::string& path, Gains& gains) {
+    if (!Expect(json.is_array() && json.size() == gains.size(), path, "is not an array of five")) return;
+    for (std::size_t i = 0; i < gains.size(); ++i) Read(json[i], absl::StrCat(path, "[", i, "]"), gains[i]);
+  }
+
+  void Read(const Json& json, const std::string& path, std::vector<Warning>& warnings) {
+    if (!Expect(json.is_array(), path, "is not an array")) return;
+    warnings.resize(json.size());
+    for (std::size_t i = 0; i < json.size(); ++i) Read(json[i], absl::StrCat(path, "[", i, "]"), warnings[i]);
+  }
+
+  void Read(const Json& json, const std::string& path, OrbitState& state) {
+    if (json.is_null()) {
+      state = std::monostate();
+      return;
+    }
+    if (!Expect(json.is_object() && json.size() == 1, path, "is not one form of an orbit")) return;
+    bool known = false;
+    VisitForms([&](const char* name, auto form) {
+      if (!json.contains(name)) return;
+      known = true;
+      Read(json[name], absl::StrCat(path, ".", name), form);
+      state = form;
+    });
+    Expect(known, path, "is of an unknown form");
+  }
+
+  template <typename T>
+  requires std::is_class_v<T>
+  void Read(const Json& json, const std::string& path, T& value) {
+    if (!Expect(json.is_object(), path, "is not an object")) return;
+    std::size_t fields = 0;
+    VisitFields(value, [&](const char* name, auto& field) {
+      ++fields;
+      const auto found = json.find(name);
+      const std::string field_path = absl::StrCat(path, ".", name);
+      if (Expect(found != json.end(), field_path, "is missing")) Read(*found, field_path, field);
+    });
+    Expect(json.size() == fields, path, "has a field that is not known");
+  }
+
+ private:
+  void Fault(const std::string& path, std::string_view fault) {
+    if (status_.ok()) status_ = absl::DataLossError(absl::StrCat("damaged document: ", path, " ", ToAbsl(fault)));
+  }
+
+  bool Expect(bool condition, const std::string& path, std::string_view fault) {
+    if (!condition) Fault(path, fault);
+    return condition;
+  }
+
+  absl::Status status_;
+};
+
+template <typename T>
+absl::StatusOr<T> FromJson(std::string_view text, const std::string& name) {
+  const Json json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  if (json.is_discarded()) return absl::DataLossError(absl::StrCat("damaged document: ", name, " is not JSON"));
+  Decoder decoder;
+  T value{};
+  decoder.Read(json, name, value);
+  if (!decoder.status().ok()) return decoder.status();
+  return value;
+}
+
+}  // namespace
+
+std::string_view NameOf(JobState state) { return kNames<JobState>[static_cast<std::size_t>(state)]; }
+
+absl::StatusOr<JobState> JobStateOf(std::string_view name) {
+  for (std::size_t i = 0; i < kNames<JobState>.size(); ++i) {
+    if (kNames<JobState>[i] == name) return static_cast<JobState>(i);
+  }
+  return absl::DataLossError(absl::StrCat(FormatReceived(name), " is not the name of a job's state"));
+}
+
+absl::StatusOr<std::string> ToJson(const JobSpec& spec) {
+  try {
+    return Encode(spec).dump();
+  } catch (const Json::exception& e) {
+    return absl::InvalidArgumentError(absl::StrCat("the job has a text that is not UTF-8: ", e.what()));
+  }
+}
+
+std::string ToJson(const JobReport& report) {
+  return Encode(report).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+absl::StatusOr<JobSpec> JobSpecFromJson(std::string_view text) { return FromJson<JobSpec>(text, "spec"); }
+
+absl::StatusOr<JobReport> JobReportFromJson(std::string_view text) { return FromJson<JobReport>(text, "report"); }
+
+}  // namespace orbitune

@@ -1,0 +1,27 @@
+// Jobs' inputs and reports as JSON text, field for field as the structs name them; doubles keep every bit (NaN,
+// whatever its bits, is null; infinities are texts). The one place that knows JSON. Functions only: thread-safe.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "storage/job.h"
+
+namespace orbitune {
+
+// "QUEUED", "RUNNING", ...
+std::string_view NameOf(JobState state);
+// DATA_LOSS for any other text.
+absl::StatusOr<JobState> JobStateOf(std::string_view name);
+
+// INVALID_ARGUMENT if a text of the spec is not UTF-8.
+absl::StatusOr<std::string> ToJson(const JobSpec& spec);
+
+// What is not UTF-8 in a message is replaced by U+FFFD: a report is never refused.
+std::string ToJson(const JobReport& report);
+
+// DATA_LOSS, naming the field, unless every field is there, of its kind and in its range, and no other.
+absl::StatusOr<JobSpec> JobSpecFromJson(std::string_view text);
+absl::StatusOr<JobReport> JobReportFromJson(std::string_view text);
+
+}  // namespace orbitune

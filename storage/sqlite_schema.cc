@@ -1,0 +1,138 @@
+#include "storage/sqlite_schema.h"
+
+#include <array>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+
+namespace orbitune {
+namespace {
+
+// "ORBT": tells our databases from another program's.
+constexpr std::int64_t kApplicationId = 0x4f524254;
+
+// A job's own number (key) is never given twice, for the iterations of a deleted job go later than the job.
+// The columns of doubles in `iterations` are ANY because SQLite would store -0.0 in a REAL column as 0.
+constexpr std::string_view kVersion1 = R"sql(
+CREATE TABLE jobs (
+  key            INTEGER PRIMARY KEY AUTOINCREMENT,
+  id             TEXT NOT NULL UNIQUE,
+  state          TEXT NOT NULL,
+  scenario_id    TEXT NOT NULL,
+  create_time_us INTEGER NOT NULL,  -- microseconds since 1970, UTC
+  start_time_us  INTEGER,
+  end_time_us    INTEGER,
+  update_time_us INTEGER NOT NULL,
+  last_seq       INTEGER NOT NULL,
+  state_changes  INTEGER NOT NULL,
+  iterations     INTEGER NOT NULL,  -- completed
+  best_iteration INTEGER,
+  best_cost      REAL,
+  request_id     TEXT UNIQUE,
+  request_digest TEXT,
+  error_message  TEXT NOT NULL
+) STRICT;
+CREATE INDEX jobs_by_create_time ON jobs (create_time_us, id);
+CREATE INDEX jobs_by_best_cost ON jobs (best_cost, id);
+CREATE INDEX jobs_by_state ON jobs (state, create_time_us, id);
+
+CREATE TABLE job_documents (
+  job    INTEGER PRIMARY KEY REFERENCES jobs (key) ON DELETE CASCADE,
+  spec   TEXT NOT NULL,  -- JSON: the exact inputs
+  report TEXT            -- JSON, where the job succeeded
+) STRICT;
+
+CREATE TABLE job_labels (
+  job       INTEGER NOT NULL REFERENCES jobs (key) ON DELETE CASCADE,
+  label_key TEXT NOT NULL,
+  value     TEXT NOT NULL,
+  PRIMARY KEY (job, label_key)
+) STRICT, WITHOUT ROWID;
+CREATE INDEX job_labels_by_label ON job_labels (label_key, value, job);
+
+-- State changes only. A sequence number that is not here is an iteration: the iterations of a job, in order, take the
+-- numbers that its state changes leave.
+CREATE TABLE job_events (
+  job     INTEGER NOT NULL REFERENCES jobs (key) ON DELETE CASCADE,
+  seq     INTEGER NOT NULL,
+  state   TEXT NOT NULL,
+  time_us INTEGER NOT NULL,
+  message TEXT NOT NULL,
+  PRIMARY KEY (job, seq)
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE iterations (
+  job               INTEGER NOT NULL,  -- jobs.key, or deleted_jobs.job
+  iteration         INTEGER NOT NULL,  -- dense from 1
+  k1 ANY, k2 ANY, k3 ANY, k4 ANY, k5 ANY,
+  cost              ANY,               -- NULL: NaN, here and in every double
+  settling_samples  INTEGER NOT NULL,
+  fuel_sum          ANY,
+  outcome           INTEGER NOT NULL,  -- 0 settled, 1 not settled, 2 left the domain, 3 numerical failure
+  cost_std          ANY,
+  pairs_left_out    INTEGER NOT NULL,
+  pairs_not_settled INTEGER NOT NULL,
+  PRIMARY KEY (job, iteration)
+) STRICT, WITHOUT ROWID;
+
+-- Jobs whose iterations are still to be removed.
+CREATE TABLE deleted_jobs (
+  job INTEGER PRIMARY KEY
+) STRICT;
+)sql";
+
+constexpr std::array kMigrations{kVersion1};
+
+absl::StatusOr<bool> IsEmpty(Connection& connection) {
+  const auto objects = connection.QueryInt("SELECT count(*) FROM sqlite_schema");
+  if (!objects.ok()) return objects.status();
+  return *objects == 0;
+}
+
+absl::Status ApplyMigration(Connection& connection, std::string_view script, std::int64_t version) {
+  auto transaction = Transaction::Begin(connection, Transaction::Kind::kWrite);
+  if (!transaction.ok()) return transaction.status();
+  absl::Status status = connection.Execute(absl::StrCat(ToAbsl(script), ";\nPRAGMA application_id = ", kApplicationId,
+                                                        ";\nPRAGMA user_version = ", version, ";"));
+  return status.ok() ? transaction->Commit() : status;
+}
+
+}  // namespace
+
+std::span<const std::string_view> Migrations() { return kMigrations; }
+
+absl::Status CheckSchema(Connection& connection, std::int64_t newest) {
+  const absl::StatusOr<bool> empty = IsEmpty(connection);
+  if (!empty.ok()) return empty.status();
+  const auto application = connection.QueryInt("PRAGMA application_id");
+  if (!application.ok()) return application.status();
+  if (!*empty && *application != kApplicationId) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(connection.path(), " is a database of another program; choose another data directory"));
+  }
+  const auto version = connection.QueryInt("PRAGMA user_version");
+  if (!version.ok()) return version.status();
+  if (*version < 0 || *version > newest) {
+    return absl::FailedPreconditionError(absl::StrCat(connection.path(), " has schema version ", *version,
+                                                      ", but this server knows versions up to ", newest,
+                                                      " only; run a newer server"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Migrate(Connection& connection, std::span<const std::string_view> migrations) {
+  const auto newest = static_cast<std::int64_t>(migrations.size());
+  if (absl::Status status = CheckSchema(connection, newest); !status.ok()) return status;
+  const auto version = connection.QueryInt("PRAGMA user_version");
+  if (!version.ok()) return version.status();
+  for (std::int64_t v = *version; v < newest; ++v) {
+    absl::Status status = ApplyMigration(connection, migrations[static_cast<std::size_t>(v)], v + 1);
+    if (!status.ok()) {
+      return absl::Status(status.code(), absl::StrCat("bringing the database from schema version ", v, " to ", v + 1,
+                                                      ": ", status.message()));
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace orbitune

@@ -1,0 +1,161 @@
+#include "storage/sqlite_store.h"
+
+#include <filesystem>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "storage/serialise.h"
+#include "storage/sqlite_job_queries.h"
+#include "storage/sqlite_list_query.h"
+#include "storage/sqlite_lock.h"
+#include "storage/sqlite_reader_pool.h"
+#include "storage/sqlite_schema.h"
+#include "storage/sqlite_writer.h"
+
+namespace orbitune {
+namespace {
+
+class SqliteStore final : public JobStore {
+ public:
+  SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection)
+      : lock_(std::move(lock)), readers_(connection->path()), writer_(std::move(connection)) {}
+
+  void CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id, std::string request_digest,
+                 Created done) override;
+  void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record, Done done) override;
+  void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) override;
+  void DeleteJob(const std::string& id, Done done) override;
+
+  absl::StatusOr<JobRecord> GetJob(const std::string& id) const override;
+  absl::StatusOr<std::vector<JobRecord>> ListJobs(const JobQuery& query) const override;
+  absl::StatusOr<std::vector<JobRecord>> ListUnfinishedJobs() const override;
+  absl::StatusOr<std::vector<IterationRecord>> ListIterations(const std::string& id, int after_iteration,
+                                                              int limit) const override;
+  absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
+                                                   int limit) const override;
+
+  void Flush() override { writer_.Flush(); }
+  absl::Status ok_for_now() const override { return writer_.trouble(); }
+
+ private:
+  // Destroyed from the last to the first: the writer ends, then the readers, and only then may another server come.
+  const std::unique_ptr<FileLock> lock_;
+  mutable SqliteReaderPool readers_;
+  SqliteWriter writer_;
+};
+
+void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id,
+                            std::string request_digest, Created done) {
+  absl::StatusOr<std::string> spec_json = ToJson(spec);
+  auto created = std::make_shared<absl::StatusOr<JobRecord>>(
+      spec_json.ok() ? absl::InternalError("not applied yet") : spec_json.status());
+  std::shared_ptr<const NewJob> job;
+  if (spec_json.ok()) {
+    job = std::make_shared<NewJob>(NewJob{.id = std::move(id),
+                                          .spec = std::move(spec),
+                                          .spec_json = *std::move(spec_json),
+                                          .time_us = now,
+                                          .request_id = std::move(request_id),
+                                          .request_digest = std::move(request_digest)});
+  }
+  const auto apply = [job, created](JobTables& tables) {
+    if (job != nullptr) *created = tables.CreateJob(*job);
+    return created->status();
+  };
+  writer_.Queue({.apply = apply, .answer = [created, done = std::move(done)](const absl::Status& status) {
+                   done(status.ok() ? std::move(*created) : absl::StatusOr<JobRecord>(status));
+                 }});
+}
+
+void SqliteStore::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record, Done done) {
+  writer_.Queue({.apply = [id, seq, record](JobTables& tables) { return tables.AppendIteration(id, seq, record); },
+                 .answer = std::move(done)});
+}
+
+void SqliteStore::ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) {
+  const auto report_json = change.report ? std::optional(ToJson(*change.report)) : std::nullopt;
+  writer_.Queue({.apply = [id, seq, change = std::move(change),
+                           report_json](JobTables& tables) { return tables.ChangeState(id, seq, change, report_json); },
+                 .answer = std::move(done)});
+}
+
+void SqliteStore::DeleteJob(const std::string& id, Done done) {
+  writer_.Queue({.apply = [id](JobTables& tables) { return tables.DeleteJob(id); }, .answer = std::move(done)});
+}
+
+absl::StatusOr<JobRecord> SqliteStore::GetJob(const std::string& id) const {
+  return readers_.Run([&](Connection& connection) { return ReadJob(connection, id); });
+}
+
+absl::StatusOr<std::vector<JobRecord>> SqliteStore::ListJobs(const JobQuery& query) const {
+  return readers_.Run([&](Connection& connection) -> absl::StatusOr<std::vector<JobRecord>> {
+    std::vector<JobRecord> page;
+    for (const ListQuery& stretch : MakeListQueries(query)) {
+      auto jobs = ReadJobs(connection, stretch);
+      if (!jobs.ok()) return jobs.status();
+      for (JobRecord& job : *jobs) {
+        if (page.size() < static_cast<std::size_t>(query.limit)) page.push_back(std::move(job));
+      }
+    }
+    return page;
+  });
+}
+
+absl::StatusOr<std::vector<JobRecord>> SqliteStore::ListUnfinishedJobs() const {
+  return readers_.Run([](Connection& connection) { return ReadJobs(connection, MakeUnfinishedQuery()); });
+}
+
+absl::StatusOr<std::vector<IterationRecord>> SqliteStore::ListIterations(const std::string& id, int after_iteration,
+                                                                         int limit) const {
+  return readers_.Run([&](Connection& connection) { return ReadIterationsOf(connection, id, after_iteration, limit); });
+}
+
+absl::StatusOr<std::vector<JobEvent>> SqliteStore::ListEvents(const std::string& id, std::int64_t after_seq,
+                                                              int limit) const {
+  return readers_.Run([&](Connection& connection) { return ReadEventsOf(connection, id, after_seq, limit); });
+}
+
+// The path with its directory's links resolved, so that all servers on it meet at one lock.
+absl::StatusOr<std::filesystem::path> CheckPath(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::path file = std::filesystem::absolute(path, error);
+  const std::filesystem::path directory = std::filesystem::canonical(file.parent_path(), error);
+  if (error) {
+    return absl::ErrnoToStatus(error.value(), absl::StrCat("data directory ", file.parent_path().string()));
+  }
+  if (!std::filesystem::is_directory(directory, error)) {
+    return absl::FailedPreconditionError(absl::StrCat(directory.string(), " is not a directory"));
+  }
+  if (std::filesystem::is_directory(file, error) || !file.has_filename()) {
+    return absl::FailedPreconditionError(absl::StrCat(file.string(), " is a directory, not a database file"));
+  }
+  return directory / file.filename();
+}
+
+absl::StatusOr<std::unique_ptr<Connection>> OpenForWriting(const std::string& path) {
+  auto connection = Connection::Open(path, Connection::Mode::kReadWrite);
+  if (!connection.ok()) return connection;
+  if ((*connection)->read_only()) return absl::PermissionDeniedError(absl::StrCat("cannot write ", path));
+  absl::Status status = CheckSchema(**connection, static_cast<std::int64_t>(Migrations().size()));
+  if (!status.ok()) return status;
+  // Of the log's size: what it falls back to after a burst.
+  status = (*connection)
+               ->Execute("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA journal_size_limit = 16777216;");
+  if (status.ok()) status = Migrate(**connection, Migrations());
+  if (!status.ok()) return status;
+  return connection;
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<JobStore>> OpenSqliteStore(const SqliteStoreOptions& options) {
+  const absl::StatusOr<std::filesystem::path> path = CheckPath(options.path);
+  if (!path.ok()) return path.status();
+  auto lock = FileLock::Take(std::filesystem::path(*path).replace_extension(".lock").string());
+  if (!lock.ok()) return lock.status();
+  auto connection = OpenForWriting(path->string());
+  if (!connection.ok()) return connection.status();
+  return std::make_unique<SqliteStore>(*std::move(lock), *std::move(connection));
+}
+
+}  // namespace orbitune

@@ -1,0 +1,24 @@
+// The JobStore in one SQLite database file: WAL, every commit on disk before it is answered, one server at a time.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "storage/job_store.h"
+
+namespace orbitune {
+
+struct SqliteStoreOptions {
+  std::string path;  // of the database file; created if it is not there, its directory is not
+};
+
+// Opens the database, brings its schema up to date and starts the writer. Errors name the path and what is wrong:
+//   NOT_FOUND            there is no such directory
+//   FAILED_PRECONDITION  its parent is not a directory; another server has it; another program's or a newer schema
+//                        (then nothing in it is changed)
+//   PERMISSION_DENIED    the directory or the file cannot be written
+//   DATA_LOSS            not a database, or damaged
+//   UNAVAILABLE          the disk fails, or another process locks the file
+absl::StatusOr<std::unique_ptr<JobStore>> OpenSqliteStore(const SqliteStoreOptions& options);
+
+}  // namespace orbitune

@@ -1,0 +1,159 @@
+#include "storage/sqlite_writer.h"
+
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/check.h"
+
+namespace orbitune {
+namespace {
+
+constexpr std::size_t kLargestGroup = 1024;
+constexpr std::chrono::milliseconds kFirstPause{50};
+constexpr std::chrono::milliseconds kLongestPause{2000};
+
+}  // namespace
+
+SqliteWriter::SqliteWriter(std::unique_ptr<Connection> connection)
+    : connection_(std::move(connection)), tables_(*connection_), thread_([this] { Run(); }) {}
+
+SqliteWriter::~SqliteWriter() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  work_.notify_all();
+  thread_.join();
+}
+
+void SqliteWriter::Queue(Operation operation) {
+  {
+    const std::lock_guard lock(mutex_);
+    queue_.push_back(std::move(operation));
+    ++queued_count_;
+  }
+  work_.notify_one();
+}
+
+void SqliteWriter::Flush() {
+  std::unique_lock lock(mutex_);
+  answered_.wait(lock, [this, all = queued_count_] { return answered_count_ >= all; });
+}
+
+absl::Status SqliteWriter::trouble() const {
+  const std::lock_guard lock(mutex_);
+  return trouble_;
+}
+
+bool SqliteWriter::stopping() const {
+  const std::lock_guard lock(mutex_);
+  return stopping_;
+}
+
+void SqliteWriter::SetTrouble(absl::Status status) {
+  const std::lock_guard lock(mutex_);
+  trouble_ = std::move(status);
+}
+
+void SqliteWriter::PauseBeforeRetry(std::chrono::milliseconds pause) {
+  std::unique_lock lock(mutex_);
+  work_.wait_for(lock, pause, [this] { return stopping_; });
+}
+
+void SqliteWriter::Run() {
+  std::vector<Operation> group;
+  while (TakeGroup(group)) {
+    if (group.empty()) {
+      RemoveLeftovers();
+    } else {
+      const std::vector<absl::Status> results = Commit(group);
+      for (std::size_t i = 0; i < group.size(); ++i) group[i].answer(results[i]);
+      group.clear();
+      CountAnswered(results.size());
+    }
+  }
+}
+
+bool SqliteWriter::TakeGroup(std::vector<Operation>& group) {
+  group.clear();
+  std::unique_lock lock(mutex_);
+  work_.wait(lock, [this] { return stopping_ || !queue_.empty() || leftovers_; });
+  if (stopping_ && queue_.empty()) return false;
+  while (!queue_.empty() && group.size() < kLargestGroup) {
+    group.push_back(std::move(queue_.front()));
+    queue_.pop_front();
+  }
+  return true;
+}
+
+void SqliteWriter::CountAnswered(std::size_t answered) {
+  {
+    const std::lock_guard lock(mutex_);
+    answered_count_ += answered;
+  }
+  answered_.notify_all();
+}
+
+std::vector<absl::Status> SqliteWriter::Commit(std::span<const Operation> group) {
+  for (auto pause = kFirstPause;; pause = std::min(2 * pause, kLongestPause)) {
+    const bool last_try = stopping();
+    absl::StatusOr<std::vector<absl::Status>> results =
+        gave_up_ ? absl::StatusOr<std::vector<absl::Status>>(trouble()) : TryCommit(group);
+    if (results.ok()) {
+      SetTrouble(absl::OkStatus());
+      return *std::move(results);
+    }
+    if (!absl::IsUnavailable(results.status())) {
+      return group.size() == 1 ? std::vector{results.status()} : CommitOneByOne(group);
+    }
+    SetTrouble(results.status());
+    if (last_try) {
+      gave_up_ = true;
+      return std::vector<absl::Status>(
+          group.size(), absl::UnavailableError(absl::StrCat("the store was closed while it could not write: ",
+                                                            results.status().message())));
+    }
+    PauseBeforeRetry(pause);
+  }
+}
+
+std::vector<absl::Status> SqliteWriter::CommitOneByOne(std::span<const Operation> group) {
+  std::vector<absl::Status> results;
+  for (std::size_t i = 0; i < group.size(); ++i) results.push_back(Commit(group.subspan(i, 1)).front());
+  return results;
+}
+
+absl::StatusOr<std::vector<absl::Status>> SqliteWriter::TryCommit(std::span<const Operation> group) {
+  tables_.Forget();
+  auto transaction = Transaction::Begin(*connection_, Transaction::Kind::kWrite);
+  if (!transaction.ok()) return transaction.status();
+  std::vector<absl::Status> results;
+  results.reserve(group.size());
+  const std::int64_t failures = connection_->failures();
+  for (const Operation& operation : group) {
+    results.push_back(operation.apply(tables_));
+    if (connection_->failures() != failures) {
+      ORBITUNE_CHECK(!results.back().ok());
+      return results.back();
+    }
+  }
+  absl::Status status = tables_.WriteProgress();
+  if (status.ok()) status = transaction->Commit();
+  if (!status.ok()) return status;
+  leftovers_ = leftovers_ || tables_.deleted_any();
+  return results;
+}
+
+void SqliteWriter::RemoveLeftovers() {
+  tables_.Forget();
+  absl::StatusOr<bool> more = false;
+  if (auto transaction = Transaction::Begin(*connection_, Transaction::Kind::kWrite); transaction.ok()) {
+    more = tables_.RemoveLeftovers();
+    if (more.ok() && *more) {
+      if (absl::Status status = transaction->Commit(); !status.ok()) more = status;
+    }
+  }
+  leftovers_ = more.ok() && *more;
+}
+
+}  // namespace orbitune

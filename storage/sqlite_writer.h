@@ -1,0 +1,80 @@
+// The one writer: a thread that owns the writing connection, takes what is queued, runs it in one transaction, commits,
+// and only then answers. While the disk fails it tries again; nothing is answered OK that is not on disk.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <thread>
+#include <vector>
+
+#include "storage/sqlite_job_tables.h"
+
+namespace orbitune {
+
+// Thread-safe. The queue is as long as its callers let it grow.
+class SqliteWriter {
+ public:
+  struct Operation {
+    // OK, or why it is refused, with nothing written. Runs in the group's transaction; again after a rollback.
+    std::function<absl::Status(JobTables&)> apply;
+    // Called once, on the writer's thread, in the order of the queue: with the result of apply once that is committed;
+    // UNAVAILABLE where the writer ends before that, or INTERNAL or DATA_LOSS where SQLite refuses this operation.
+    std::function<void(absl::Status)> answer;
+  };
+
+  explicit SqliteWriter(std::unique_ptr<Connection> connection);
+
+  // Commits what is queued, if the disk lets it at the first try, answers everything and ends the thread.
+  ~SqliteWriter();
+  SqliteWriter(const SqliteWriter&) = delete;
+  SqliteWriter& operator=(const SqliteWriter&) = delete;
+
+  void Queue(Operation operation);
+
+  // Returns once everything queued before the call is answered. Not from an answer.
+  void Flush();
+
+  // OK, or why what is queued waits.
+  absl::Status trouble() const;
+
+ private:
+  void Run();
+  // Waits for work; false: the writer ends, and nothing is queued. Empty: nothing is queued, but leftovers are there.
+  bool TakeGroup(std::vector<Operation>& group);
+  // One result for each operation.
+  std::vector<absl::Status> Commit(std::span<const Operation> group);
+  // An error of SQLite's: nothing is committed. Else the operations' own results, committed.
+  absl::StatusOr<std::vector<absl::Status>> TryCommit(std::span<const Operation> group);
+  // So that only the operations that SQLite refuses are answered with its error.
+  std::vector<absl::Status> CommitOneByOne(std::span<const Operation> group);
+  void CountAnswered(std::size_t answered);
+  void RemoveLeftovers();
+  bool stopping() const;
+  void SetTrouble(absl::Status status);
+  void PauseBeforeRetry(std::chrono::milliseconds pause);
+
+  // Writer thread only.
+  const std::unique_ptr<Connection> connection_;
+  JobTables tables_;
+  bool leftovers_ = true;  // perhaps
+  bool gave_up_ = false;   // the disk failed while the writer was ending
+
+  mutable std::mutex mutex_;
+  std::condition_variable work_;      // queue_ or stopping_ changed
+  std::condition_variable answered_;  // answered_count_ changed
+  // Guarded by mutex_.
+  std::deque<Operation> queue_;
+  std::uint64_t queued_count_ = 0;
+  std::uint64_t answered_count_ = 0;
+  bool stopping_ = false;
+  absl::Status trouble_;
+
+  std::thread thread_;  // last: it uses all of the above
+};
+
+}  // namespace orbitune
