@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "core/simd/lane_kernel.h"
 #include "server/config/config.h"
 #include "server/rpc/server.h"
 #include "storage/sqlite_store.h"
@@ -33,6 +34,9 @@ int Serve(const ServerConfig& config) {
   std::error_code error;
   std::filesystem::create_directories(config.data_dir, error);
   if (error) return Fail(absl::UnavailableError("--data-dir " + config.data_dir + ": " + error.message()));
+  if (!simd::UseTarget(config.simd)) {
+    return Fail(absl::FailedPreconditionError("--simd " + config.simd + ": not an instruction set of this processor"));
+  }
   const std::string database = config.data_dir + "/orbitune.db";
   auto store = OpenSqliteStore({.path = database});
   if (!store.ok()) return Fail(store.status());
@@ -43,8 +47,8 @@ int Serve(const ServerConfig& config) {
   auto server = RpcServer::Start(config.listen, use_cases);
   if (!server.ok()) return Fail(server.status());
 
-  std::printf("orbituned " ORBITUNE_VERSION "\ngrpc %s\ndata %s\nthreads %d\n", (*server)->address().c_str(),
-              database.c_str(), config.threads);
+  std::printf("orbituned " ORBITUNE_VERSION "\ngrpc %s\ndata %s\nthreads %d, %s\n",
+              (*server)->address().c_str(), database.c_str(), config.threads, simd::TargetInUse().c_str());
   std::fflush(stdout);
 
   int signal = 0;

@@ -10,6 +10,8 @@
 namespace orbitune {
 
 inline constexpr double kDefaultIntegrationTolerance = 1e-9;
+// Attempts at a step, on average over an episode's samples, before it counts as a numerical failure.
+inline constexpr int kMaxStepsPerSample = 1000;
 
 enum class ControlHold { kContinuous, kZeroOrder };
 

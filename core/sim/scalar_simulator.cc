@@ -34,7 +34,6 @@ constexpr double kIntegral = 0.04;
 constexpr double kLargestGrowth = 5;
 constexpr double kLargestShrink = 0.2;
 
-constexpr int kMaxStepsPerSample = 1000;
 // Steps are measured against max(|x|, this fraction of the settling distance): below it nothing counts any more.
 constexpr double kNegligible = 1e-2;
 // The edge of the domain is singular: steps shrink before it, and no trajectory comes back from so near (1 + x2 = 1e-4

@@ -1,7 +1,10 @@
 #include "server/config/config.h"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cctype>
 #include <cstdlib>
+#include <memory>
 #include <thread>
 
 namespace orbitune {
@@ -23,6 +26,24 @@ std::string CheckAddress(const std::string& text) {
   return "must be HOST:PORT with a port in [0, 65535] (0: any free one), got \"" + text + "\"";
 }
 
+// CLI11 has a file's values win over the environment's: leaves out of the file what the environment says.
+class EnvironmentFirst : public CLI::ConfigBase {
+ public:
+  std::vector<CLI::ConfigItem> from_config(std::istream& input) const override {
+    std::vector<CLI::ConfigItem> given = ConfigBase::from_config(input);
+    std::erase_if(given, [](const CLI::ConfigItem& item) { return InEnvironment(item.name); });
+    return given;
+  }
+
+ private:
+  static bool InEnvironment(const std::string& option) {
+    std::string name = "ORBITUNE_";
+    for (const char c : option) name += c == '-' ? '_' : static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+    const char* value = std::getenv(name.c_str());
+    return value != nullptr && *value != '\0';
+  }
+};
+
 }  // namespace
 
 std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_code) {
@@ -33,6 +54,8 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_c
                "orbituned");
   app.set_version_flag("--version", "orbituned " ORBITUNE_VERSION);
   app.set_config("--config", "", "Configuration file")->envname("ORBITUNE_CONFIG");
+  app.config_formatter(std::make_shared<EnvironmentFirst>());
+  app.allow_config_extras(CLI::config_extras_mode::error);
   app.add_option("--data-dir", config.data_dir, "Where the database is kept; made if it is not there")
       ->envname("ORBITUNE_DATA_DIR")
       ->capture_default_str();
@@ -51,6 +74,10 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_c
   app.add_option("--max-running-jobs", config.max_running_jobs, "Jobs that share the workers; the others wait")
       ->envname("ORBITUNE_MAX_RUNNING_JOBS")
       ->check(CLI::Range(1, 10'000))
+      ->capture_default_str();
+  app.add_option("--simd", config.simd, "Instruction set of the episode kernel: auto, avx512, avx2 or baseline")
+      ->envname("ORBITUNE_SIMD")
+      ->check(CLI::IsMember({"auto", "avx512", "avx2", "baseline"}))
       ->capture_default_str();
   app.footer("SIGTERM or SIGINT: unfinished jobs are kept and taken up at the next start.\n"
              "Exit status: 0 stopped by a signal, 1 could not start, 2 wrong usage.");

@@ -12,6 +12,7 @@ struct ServerConfig {
   std::string http = "127.0.0.1:7314";
   int threads = 0;  // 0: one per core
   int max_running_jobs = 64;
+  std::string simd = "auto";
 };
 
 // Parses the command line. Nothing if the process is to end at once, with `exit_code`: after --help, --version, or an

@@ -39,6 +39,18 @@ void WarnOfEpisode(std::vector<Warning>& warnings, const GainsAssessment& assess
   }
 }
 
+// The cost and its terms are the search's, which the history shows; the scalar simulator, which measures the effort,
+// agrees with them to the integration's tolerance only.
+GainsAssessment Assess(const IterationRecord& record, EpisodeResult result, const PreparedScenario& prepared) {
+  if (HasCost(record.outcome)) {
+    result.outcome = record.outcome;
+    result.cost = record.cost;
+    result.settling_samples = record.settling_samples;
+    result.fuel_sum = record.fuel_sum;
+  }
+  return {record.iteration, record.gains, ToReport(result, prepared)};
+}
+
 }  // namespace
 
 EpisodeReport ToReport(const EpisodeResult& result, const PreparedScenario& prepared) {
@@ -63,9 +75,9 @@ JobReport BuildReport(const JobRecord& job, const PreparedScenario& prepared,
   ORBITUNE_CHECK(results.size() == 3 && job.first && job.latest && job.best);
   const ArsOptions& options = job.spec.scenario.search;
   JobReport report;
-  report.initial = {job.first->iteration, job.first->gains, ToReport(results[0], prepared)};
-  report.final = {job.latest->iteration, job.latest->gains, ToReport(results[1], prepared)};
-  report.best = {job.best->iteration, job.best->gains, ToReport(results[2], prepared)};
+  report.initial = Assess(*job.first, results[0], prepared);
+  report.final = Assess(*job.latest, results[1], prepared);
+  report.best = Assess(*job.best, results[2], prepared);
   report.episodes = std::int64_t{options.iterations} * (2 * options.directions + 1);
 
   WarnOfGains(report.warnings, options, report.final);

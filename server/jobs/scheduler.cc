@@ -7,6 +7,7 @@
 #include "core/base/check.h"
 #include "core/search/ars.h"
 #include "core/sim/scalar_simulator.h"
+#include "core/simd/batch_simulator.h"
 #include "server/jobs/report.h"
 #include "storage/serialise.h"
 
@@ -56,7 +57,20 @@ struct Scheduler::Run {
   std::size_t finished = 0;
 
   std::span<const Gains> batch() const { return search ? search->batch() : report_gains; }
-  EpisodeOptions episode_options() const { return {.early_exit = search.has_value(), .measure_effort = !search}; }
+
+  // The report's episodes go the whole horizon and have their effort measured.
+  void Simulate(std::size_t begin, std::size_t count) {
+    const std::span<EpisodeResult> out = std::span(results).subspan(begin, count);
+    const std::span<const Gains> gains = batch().subspan(begin, count);
+    if (search) {
+      std::vector<BatchEpisode> episodes;
+      for (const Gains& k : gains) episodes.push_back({.problem = &prepared.problem, .gains = k});
+      return SimulateBatch(episodes, out);
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      out[i] = SimulateEpisode(prepared.problem, gains[i], {.early_exit = false, .measure_effort = true});
+    }
+  }
 
   void NextBatch(const JobRecord& record) {
     if (search && search->done()) search.reset();
@@ -74,16 +88,35 @@ struct Scheduler::Entry {
   std::int64_t pairs_left_out = 0;
   int uncommitted = 0;
 
-  bool HasEpisode(const Options& options) const {
+  bool HasWork(const Options& options) const {
     return run != nullptr && run->claimed < run->results.size() && uncommitted < options.max_uncommitted_iterations;
   }
 };
 
-struct Scheduler::Episode {
+struct Scheduler::Chunk {
   EntryPtr entry;
   std::shared_ptr<Run> run;
-  std::size_t index = 0;
+  std::size_t begin = 0;
+  std::size_t count = 0;
 };
+
+namespace {
+
+// Of all the iterations that a job has stored.
+absl::StatusOr<std::int64_t> StoredPairsLeftOut(const JobStore& store, const JobRecord& job) {
+  constexpr int kPage = 10'000;
+  std::int64_t sum = 0;
+  for (int after = 0; after < job.completed_iterations();) {
+    const auto records = store.ListIterations(job.id, after, kPage);
+    if (!records.ok()) return records.status();
+    if (records->empty()) return absl::DataLossError(absl::StrCat("job ", job.id, ": its history ends at ", after));
+    for (const IterationRecord& record : *records) sum += record.pairs_left_out;
+    after = records->back().iteration;
+  }
+  return sum;
+}
+
+}  // namespace
 
 Scheduler::Scheduler(JobStore& store, EventHub& hub, Options options) : store_(store), hub_(hub), options_(options) {
   ORBITUNE_CHECK(options.threads > 0 && options.max_running_jobs > 0 && options.max_uncommitted_iterations > 0);
@@ -97,7 +130,10 @@ absl::Status Scheduler::Start() {
   {
     const std::lock_guard lock(mutex_);
     for (JobRecord& record : *unfinished) {
+      const auto pairs_left_out = StoredPairsLeftOut(store_, record);
+      if (!pairs_left_out.ok()) return pairs_left_out.status();
       auto entry = std::make_shared<Entry>(std::move(record));
+      entry->pairs_left_out = *pairs_left_out;
       entries_.emplace(entry->record.id, entry);
       // One that ran when the last process ended goes before those that had not begun: the list is in order of
       // creation, and jobs are begun in that order.
@@ -164,38 +200,41 @@ void Scheduler::RemoveFromRing(const Entry& entry) {
 
 void Scheduler::WorkerLoop() {
   Lock lock(mutex_);
-  Episode episode;
+  Chunk chunk;
   while (true) {
-    work_.wait(lock, [&] { return stopping_ || NextEpisode(episode); });
+    work_.wait(lock, [&] { return stopping_ || NextChunk(chunk); });
     if (stopping_) return;
-    Run& run = *episode.run;
     lock.unlock();
-    run.results[episode.index] =
-        SimulateEpisode(run.prepared.problem, run.batch()[episode.index], run.episode_options());
+    chunk.run->Simulate(chunk.begin, chunk.count);
     lock.lock();
-    FinishEpisode(episode, lock);
-    episode = {};
+    chunk.run->finished += chunk.count;
+    if (chunk.run->finished == chunk.run->results.size()) FinishBatch(chunk, lock);
+    chunk = {};
   }
 }
 
 // mutex_ held.
-bool Scheduler::NextEpisode(Episode& episode) {
+bool Scheduler::NextChunk(Chunk& chunk) {
   for (std::size_t tried = 0; tried < ring_.size(); ++tried) {
     EntryPtr entry = ring_.front();
     ring_.pop_front();
     ring_.push_back(entry);
-    if (!entry->HasEpisode(options_)) continue;
-    episode = {.entry = entry, .run = entry->run, .index = entry->run->claimed++};
+    if (!entry->HasWork(options_)) continue;
+    Run& run = *entry->run;
+    // An equal share of the batch for each worker, so that a single job has all of them.
+    const std::size_t threads = static_cast<std::size_t>(options_.threads);
+    const std::size_t share = (run.results.size() + threads - 1) / threads;
+    chunk = {.entry = entry,
+             .run = entry->run,
+             .begin = run.claimed,
+             .count = std::min(share, run.results.size() - run.claimed)};
+    run.claimed += chunk.count;
     return true;
   }
   return false;
 }
 
-void Scheduler::FinishEpisode(const Episode& episode, Lock& lock) {
-  if (++episode.run->finished == episode.run->results.size()) FinishBatch(episode, lock);
-}
-
-void Scheduler::FinishBatch(const Episode& last, Lock& lock) {
+void Scheduler::FinishBatch(const Chunk& last, Lock& lock) {
   Entry& entry = *last.entry;
   Run& run = *last.run;
   if (run.search) {
@@ -218,8 +257,11 @@ void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<Ite
     StartWaiting();
   };
   if (!record.ok()) {
-    return fail(absl::StrCat(std::string(record.status().message()), ". Under K(", run.search->iteration(), "): ",
-                             DescribeOutcome(run.results[0], run.prepared)));
+    std::string message(record.status().message());
+    if (const std::string outcome = DescribeOutcome(run.results[0], run.prepared); !outcome.empty()) {
+      absl::StrAppend(&message, ". Under K(", run.search->iteration(), "): ", outcome);
+    }
+    return fail(std::move(message));
   }
   JobRecord& job = entry.record;
   if (run.replayed) {
@@ -293,7 +335,12 @@ void Scheduler::Transition(const std::string& id, const std::string& etag, std::
     // A job whose last change is still on its way to the disk is there once that is.
     store_.Flush();
     auto ended = store_.GetJob(id);
-    return done(ended.ok() ? WrongState(id, ended->state, action, needed) : ended.status());
+    if (!ended.ok()) return done(ended.status());
+    // Stored, but its creator has yet to add it.
+    if (!IsTerminal(ended->state)) {
+      return done(absl::UnavailableError(absl::StrCat("jobs/", id, " is being created; try again")));
+    }
+    return done(WrongState(id, ended->state, action, needed));
   }
   const EntryPtr entry = found->second;
   if (!allowed(entry->record.state)) return done(WrongState(id, entry->record.state, action, needed));

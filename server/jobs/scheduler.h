@@ -1,8 +1,8 @@
 // Runs jobs: a fixed pool of workers, the state machine of every unfinished job, and the order in which what happens
 // to a job reaches the store and, once it is there, the watchers.
 //
-// A worker takes one episode at a time from the running jobs in turn, so that several jobs share the pool fairly and a
-// single one has all of it within an iteration. Who runs an episode, and when, never shows in a result.
+// A worker takes a chunk of episodes at a time, of the running jobs in turn, so that several jobs share the pool fairly
+// and a single one has all of it within an iteration. Who runs an episode, and when, never shows in a result.
 #pragma once
 
 #include <condition_variable>
@@ -66,14 +66,13 @@ class Scheduler {
  private:
   struct Run;      // one stretch of execution, from a start or resume to an end or pause
   struct Entry;    // an unfinished job
-  struct Episode;  // one unit of work
+  struct Chunk;  // one unit of work
   using EntryPtr = std::shared_ptr<Entry>;
   using Lock = std::unique_lock<std::mutex>;
 
   void WorkerLoop();
-  bool NextEpisode(Episode& episode);
-  void FinishEpisode(const Episode& episode, Lock& lock);
-  void FinishBatch(const Episode& last, Lock& lock);
+  bool NextChunk(Chunk& chunk);
+  void FinishBatch(const Chunk& last, Lock& lock);
   void FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record);
   void FinishReport(Entry& entry, Run& run);
   void StartWaiting();

@@ -1,5 +1,6 @@
 #include "server/rpc/status.h"
 
+#include "absl/strings/str_cat.h"
 #include "core/base/status.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/error_info.pb.h"
@@ -10,23 +11,46 @@ namespace {
 
 constexpr char kDomain[] = "orbitune";
 constexpr int kRetryDelaySeconds = 1;
+// A client refuses trailing metadata of more than 8 KiB, and with it the error: the message goes there twice, the
+// details in base 64.
+constexpr std::size_t kLongestMessage = 1000;
+constexpr std::size_t kLongestViolations = 3000;
+
+std::string Shortened(std::string message) {
+  if (message.size() <= kLongestMessage) return message;
+  std::size_t end = kLongestMessage;
+  while (end > 0 && (static_cast<unsigned char>(message[end]) & 0xc0) == 0x80) --end;  // a whole UTF-8 character
+  message.resize(end);
+  return message + "...";
+}
+
+// As many as there is room for; the last one tells how many more there are.
+google::rpc::BadRequest ToBadRequest(const std::vector<FieldViolation>& violations) {
+  google::rpc::BadRequest bad_request;
+  std::size_t size = 0;
+  for (const FieldViolation& violation : violations) {
+    auto* v = bad_request.add_field_violations();
+    v->set_field(violation.field);
+    v->set_description(violation.description);
+    size += violation.field.size() + violation.description.size();
+    const auto left = violations.size() - static_cast<std::size_t>(bad_request.field_violations_size());
+    if (size <= kLongestViolations || left == 0) continue;
+    v->set_description(absl::StrCat(violation.description, " (and ", left, " more violations)"));
+    break;
+  }
+  return bad_request;
+}
 
 }  // namespace
 
 grpc::Status ToGrpc(const absl::Status& status) {
   if (status.ok()) return grpc::Status::OK;
-  const std::string message(status.message());
+  const std::string message = Shortened(std::string(status.message()));
   google::rpc::Status details;
   details.set_code(static_cast<int>(status.code()));
   details.set_message(message);
   if (const auto violations = FieldViolationsOf(status); !violations.empty()) {
-    google::rpc::BadRequest bad_request;
-    for (const FieldViolation& violation : violations) {
-      auto* v = bad_request.add_field_violations();
-      v->set_field(violation.field);
-      v->set_description(violation.description);
-    }
-    details.add_details()->PackFrom(bad_request);
+    details.add_details()->PackFrom(ToBadRequest(violations));
   }
   if (const std::string reason = ReasonOf(status); !reason.empty()) {
     google::rpc::ErrorInfo info;

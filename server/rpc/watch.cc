@@ -66,8 +66,13 @@ class Watcher : public grpc::ServerWriteReactor<v1::WatchJobResponse>, public st
     auto subscription = use_cases_.hub().Subscribe(id_, [this] { Wake(); });
     const auto job = use_cases_.GetJob(id_);
     const std::lock_guard lock(mutex_);
+    // OnDone may have been, and with it the last chance to end a subscription while this object is whole.
+    if (finished_) return;
     subscription_ = std::move(subscription);
     if (!job.ok()) return EndLocked(job.status());
+    if (!v1::Delivery_IsValid(request_.delivery())) {
+      return EndLocked(InvalidField("delivery", "EVERY or LATEST", request_.delivery()));
+    }
     if (request_.resume_after_seq() < -1 || request_.resume_after_seq() > job->last_seq) {
       return EndLocked(InvalidField("resume_after_seq", absl::StrCat("in [-1, ", job->last_seq, "], the job's last"),
                                     static_cast<double>(request_.resume_after_seq())));
@@ -91,12 +96,13 @@ class Watcher : public grpc::ServerWriteReactor<v1::WatchJobResponse>, public st
     {
       const std::lock_guard lock(mutex_);
       after = sent_seq_;
+      caught_up_ = true;  // unless a wake comes while the store is read
     }
     const auto events = use_cases_.store().ListEvents(id_, after, kPage);
     const std::lock_guard lock(mutex_);
     filling_ = false;
     if (!events.ok()) return EndLocked(events.status());
-    caught_up_ = events->size() < static_cast<std::size_t>(kPage);
+    if (events->size() == static_cast<std::size_t>(kPage)) caught_up_ = false;
     for (const JobEvent& event : *events) TakeLocked(event);
     StepLocked();
   }
@@ -193,7 +199,7 @@ class Watcher : public grpc::ServerWriteReactor<v1::WatchJobResponse>, public st
   bool opened_ = false;
   bool writing_ = false;
   bool filling_ = false;
-  bool caught_up_ = false;  // the store had nothing more, and no wake has come since
+  bool caught_up_ = false;  // the store has been read to its end (or is being), and no wake has come since
   bool ended_ = false;      // the event that ends the job is in the outbox, or sent
   std::optional<absl::Status> end_status_;  // once the call is to end
   bool finished_ = false;                   // Finish was called

@@ -95,7 +95,12 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
     job.search.ApplyTo(spec.scenario.search);
     const bool own = std::holds_alternative<std::monostate>(job.initial_condition);
     spec.initial_condition = own ? spec.scenario.chaser : job.initial_condition;
-    errors.Merge("hyperparameters", spec.scenario.search.Validate());
+    // Each is named where it was given.
+    for (const FieldViolation& v : FieldViolationsOf(spec.scenario.search.Validate())) {
+      const bool of_definition = job.scenario.definition && !job.search.Sets(v.field);
+      errors.AddViolation(
+          {absl::StrCat(of_definition ? "scenario_definition." : "", "hyperparameters.", v.field), v.description});
+    }
     const auto chaser = Resolve(spec.initial_condition, spec.scenario.gravitational_parameter_km3_s2);
     errors.Merge("initial_condition", chaser.status());
   }
@@ -126,6 +131,14 @@ void SearchOverrides::ApplyTo(ArsOptions& options) const {
   options.exploration_std = exploration_std.value_or(options.exploration_std);
   options.gain_floor = gain_floor.value_or(options.gain_floor);
   options.seed = seed.value_or(options.seed);
+}
+
+bool SearchOverrides::Sets(std::string_view field) const {
+  const std::string_view name = field.substr(0, field.find('.'));
+  return (name == "iterations" && iterations) || (name == "step_size" && step_size) ||
+         (name == "exploration_scale" && exploration_scale) || (name == "directions" && directions) ||
+         (name == "initial_gains" && initial_gains) || (name == "exploration_std" && exploration_std) ||
+         (name == "gain_floor" && gain_floor) || (name == "seed" && seed);
 }
 
 absl::StatusOr<JobRecord> UseCases::CreateJob(const NewJob& job, const std::string& request_id, bool validate_only) {
@@ -268,9 +281,12 @@ absl::StatusOr<EpisodeAnswer> UseCases::SimulateEpisode(const EpisodeRequest& re
   if (!scenario.ok()) return scenario.status();
   FieldErrors errors;
   const Gains gains = request.gains.value_or(scenario->search.initial_gains);
+  const std::string_view given = request.gains || !request.scenario.definition
+                                     ? "gains"
+                                     : "scenario_definition.hyperparameters.initial_gains";
   for (std::size_t i = 0; i < kGainCount; ++i) {
     if (!(gains[i] > 0 && gains[i] <= ArsOptions::kMaxGain)) {
-      errors.AddNumber(absl::StrCat("gains.k", i + 1), absl::StrCat("in (0, ", ArsOptions::kMaxGain, "]"), gains[i]);
+      errors.AddNumber(absl::StrCat(ToAbsl(given), ".k", i + 1), absl::StrCat("in (0, ", ArsOptions::kMaxGain, "]"), gains[i]);
     }
   }
   if (request.sample_stride < 0) errors.AddNumber("sample_stride", ">= 0 (0: 1)", request.sample_stride);

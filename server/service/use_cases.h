@@ -28,6 +28,8 @@ struct SearchOverrides {
   std::optional<std::uint64_t> seed;
 
   void ApplyTo(ArsOptions& options) const;
+  // Whether it is given; field: as ArsOptions::Validate names it, "initial_gains.k1" too.
+  bool Sets(std::string_view field) const;
 };
 
 struct NewJob {
