@@ -39,7 +39,7 @@ struct JobQuery {
 
 // Thread-safe. Callbacks run on the writer's thread, in the order of the calls, and must not block or call back into
 // a write that waits. A write that fails for want of a working disk is tried again until it succeeds or the store is
-// closed (then: UNAVAILABLE); `ok_for_now()` tells which.
+// closed (then: UNAVAILABLE, and only the next store opened can tell whether it is on disk); `ok_for_now()` tells which.
 class JobStore {
  public:
   using Done = std::function<void(absl::Status)>;

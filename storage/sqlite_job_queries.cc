@@ -220,7 +220,7 @@ absl::StatusOr<std::vector<IterationRecord>> ReadIterationsOf(Connection& connec
   const std::int64_t after = std::max(after_iteration, 0);
   const std::int64_t count = std::clamp<std::int64_t>(progress->iterations - after, 0, std::max(limit, 0));
   auto records = ReadIterations(connection, progress->key, after + 1, count);
-  if (!records.ok()) return records.status();
+  if (!records.ok()) return InJob(id, records.status());
   for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
     const std::int64_t expected = after + 1 + static_cast<std::int64_t>(i);
     if (i >= records->size() || (*records)[i].iteration != expected) return MissingIteration(id, expected);
@@ -235,7 +235,7 @@ absl::StatusOr<std::vector<JobEvent>> ReadEventsOf(Connection& connection, const
   const std::int64_t after = std::clamp<std::int64_t>(after_seq, 0, progress->last_seq);
   const std::int64_t last = after + std::min<std::int64_t>(progress->last_seq - after, std::max(limit, 0));
   absl::StatusOr<StateChanges> changes = ReadStateChanges(connection, progress->key, after, last);
-  if (!changes.ok()) return changes.status();
+  if (!changes.ok()) return InJob(id, changes.status());
   const std::int64_t iterations = last - after - static_cast<std::int64_t>(changes->events.size());
   auto records =
       ReadIterationsOf(connection, id, static_cast<int>(after - changes->before), static_cast<int>(iterations));

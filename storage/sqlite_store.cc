@@ -18,7 +18,10 @@ namespace {
 class SqliteStore final : public JobStore {
  public:
   SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection)
-      : lock_(std::move(lock)), readers_(connection->path()), writer_(std::move(connection)) {}
+      : lock_(std::move(lock)),
+        connection_(std::move(connection)),
+        readers_(connection_->path()),
+        writer_(*connection_) {}
 
   void CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id, std::string request_digest,
                  Created done) override;
@@ -38,8 +41,10 @@ class SqliteStore final : public JobStore {
   absl::Status ok_for_now() const override { return writer_.trouble(); }
 
  private:
-  // Destroyed from the last to the first: the writer ends, then the readers, and only then may another server come.
+  // Destroyed from the last to the first: the writer ends, then the readers; the last connection tidies up the log; and
+  // only then may another server come.
   const std::unique_ptr<FileLock> lock_;
+  const std::unique_ptr<Connection> connection_;
   mutable SqliteReaderPool readers_;
   SqliteWriter writer_;
 };
@@ -47,8 +52,8 @@ class SqliteStore final : public JobStore {
 void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id,
                             std::string request_digest, Created done) {
   absl::StatusOr<std::string> spec_json = ToJson(spec);
-  auto created = std::make_shared<absl::StatusOr<JobRecord>>(
-      spec_json.ok() ? absl::InternalError("not applied yet") : spec_json.status());
+  auto created = std::make_shared<absl::StatusOr<JobRecord>>(spec_json.ok() ? absl::InternalError("not applied yet")
+                                                                            : spec_json.status());
   std::shared_ptr<const NewJob> job;
   if (spec_json.ok()) {
     job = std::make_shared<NewJob>(NewJob{.id = std::move(id),
@@ -132,15 +137,28 @@ absl::StatusOr<std::filesystem::path> CheckPath(const std::string& path) {
   return directory / file.filename();
 }
 
+absl::Status TurnOnWriteAheadLog(Connection& connection) {
+  // SQLite answers with the mode it could have.
+  auto statement = connection.PrepareOnce("PRAGMA journal_mode = WAL");
+  if (!statement.ok()) return statement.status();
+  const absl::StatusOr<bool> row = statement->Step();
+  if (!row.ok()) return row.status();
+  if (statement->Text(0) != "wal") {
+    return absl::FailedPreconditionError(absl::StrCat(
+        connection.path(), ": its file system cannot hold a write-ahead log; choose a data directory on a local disk"));
+  }
+  if (absl::Status status = statement->Run(); !status.ok()) return status;
+  // The size that the log falls back to after a burst, in bytes.
+  return connection.Execute("PRAGMA synchronous = FULL; PRAGMA journal_size_limit = 16777216;");
+}
+
 absl::StatusOr<std::unique_ptr<Connection>> OpenForWriting(const std::string& path) {
   auto connection = Connection::Open(path, Connection::Mode::kReadWrite);
   if (!connection.ok()) return connection;
   if ((*connection)->read_only()) return absl::PermissionDeniedError(absl::StrCat("cannot write ", path));
   absl::Status status = CheckSchema(**connection, static_cast<std::int64_t>(Migrations().size()));
   if (!status.ok()) return status;
-  // Of the log's size: what it falls back to after a burst.
-  status = (*connection)
-               ->Execute("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA journal_size_limit = 16777216;");
+  status = TurnOnWriteAheadLog(**connection);
   if (status.ok()) status = Migrate(**connection, Migrations());
   if (!status.ok()) return status;
   return connection;

@@ -15,7 +15,7 @@ struct SqliteStoreOptions {
 // Opens the database, brings its schema up to date and starts the writer. Errors name the path and what is wrong:
 //   NOT_FOUND            there is no such directory
 //   FAILED_PRECONDITION  its parent is not a directory; another server has it; another program's or a newer schema
-//                        (then nothing in it is changed)
+//                        (then nothing in it is changed); a file system without shared memory
 //   PERMISSION_DENIED    the directory or the file cannot be written
 //   DATA_LOSS            not a database, or damaged
 //   UNAVAILABLE          the disk fails, or another process locks the file

@@ -14,8 +14,8 @@ constexpr std::chrono::milliseconds kLongestPause{2000};
 
 }  // namespace
 
-SqliteWriter::SqliteWriter(std::unique_ptr<Connection> connection)
-    : connection_(std::move(connection)), tables_(*connection_), thread_([this] { Run(); }) {}
+SqliteWriter::SqliteWriter(Connection& connection)
+    : connection_(connection), tables_(connection), thread_([this] { Run(); }) {}
 
 SqliteWriter::~SqliteWriter() {
   {
@@ -125,14 +125,14 @@ std::vector<absl::Status> SqliteWriter::CommitOneByOne(std::span<const Operation
 
 absl::StatusOr<std::vector<absl::Status>> SqliteWriter::TryCommit(std::span<const Operation> group) {
   tables_.Forget();
-  auto transaction = Transaction::Begin(*connection_, Transaction::Kind::kWrite);
+  auto transaction = Transaction::Begin(connection_, Transaction::Kind::kWrite);
   if (!transaction.ok()) return transaction.status();
   std::vector<absl::Status> results;
   results.reserve(group.size());
-  const std::int64_t failures = connection_->failures();
+  const std::int64_t failures = connection_.failures();
   for (const Operation& operation : group) {
     results.push_back(operation.apply(tables_));
-    if (connection_->failures() != failures) {
+    if (connection_.failures() != failures) {
       ORBITUNE_CHECK(!results.back().ok());
       return results.back();
     }
@@ -147,7 +147,7 @@ absl::StatusOr<std::vector<absl::Status>> SqliteWriter::TryCommit(std::span<cons
 void SqliteWriter::RemoveLeftovers() {
   tables_.Forget();
   absl::StatusOr<bool> more = false;
-  if (auto transaction = Transaction::Begin(*connection_, Transaction::Kind::kWrite); transaction.ok()) {
+  if (auto transaction = Transaction::Begin(connection_, Transaction::Kind::kWrite); transaction.ok()) {
     more = tables_.RemoveLeftovers();
     if (more.ok() && *more) {
       if (absl::Status status = transaction->Commit(); !status.ok()) more = status;

@@ -1,12 +1,11 @@
-// The one writer: a thread that owns the writing connection, takes what is queued, runs it in one transaction, commits,
-// and only then answers. While the disk fails it tries again; nothing is answered OK that is not on disk.
+// The one writer: a thread that has the writing connection to itself, takes what is queued, runs it in one transaction,
+// commits, and only then answers. While the disk fails it tries again; nothing is answered OK that is not on disk.
 #pragma once
 
 #include <chrono>
 #include <condition_variable>
 #include <deque>
 #include <functional>
-#include <memory>
 #include <mutex>
 #include <span>
 #include <thread>
@@ -27,7 +26,8 @@ class SqliteWriter {
     std::function<void(absl::Status)> answer;
   };
 
-  explicit SqliteWriter(std::unique_ptr<Connection> connection);
+  // connection outlives this and is used by nobody else meanwhile.
+  explicit SqliteWriter(Connection& connection);
 
   // Commits what is queued, if the disk lets it at the first try, answers everything and ends the thread.
   ~SqliteWriter();
@@ -59,7 +59,7 @@ class SqliteWriter {
   void PauseBeforeRetry(std::chrono::milliseconds pause);
 
   // Writer thread only.
-  const std::unique_ptr<Connection> connection_;
+  Connection& connection_;
   JobTables tables_;
   bool leftovers_ = true;  // perhaps
   bool gave_up_ = false;   // the disk failed while the writer was ending
