@@ -52,23 +52,26 @@ class SqliteStore final : public JobStore {
 void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id,
                             std::string request_digest, Created done) {
   absl::StatusOr<std::string> spec_json = ToJson(spec);
-  auto created = std::make_shared<absl::StatusOr<JobRecord>>(spec_json.ok() ? absl::InternalError("not applied yet")
-                                                                            : spec_json.status());
-  std::shared_ptr<const NewJob> job;
-  if (spec_json.ok()) {
-    job = std::make_shared<NewJob>(NewJob{.id = std::move(id),
-                                          .spec = std::move(spec),
-                                          .spec_json = *std::move(spec_json),
-                                          .time_us = now,
-                                          .request_id = std::move(request_id),
-                                          .request_digest = std::move(request_digest)});
+  if (!spec_json.ok()) {
+    writer_.Queue({.apply = [fault = std::string(spec_json.status().message())](
+                                JobTables&) { return absl::InvalidArgumentError(fault); },
+                   .answer = std::move(done)});
+    return;
   }
+  auto job = std::make_shared<const NewJob>(NewJob{.id = std::move(id),
+                                                   .spec = std::move(spec),
+                                                   .spec_json = *std::move(spec_json),
+                                                   .time_us = now,
+                                                   .request_id = std::move(request_id),
+                                                   .request_digest = std::move(request_digest)});
+  auto created = std::make_shared<JobRecord>();
   const auto apply = [job, created](JobTables& tables) {
-    if (job != nullptr) *created = tables.CreateJob(*job);
-    return created->status();
+    absl::StatusOr<JobRecord> record = tables.CreateJob(*job);
+    if (record.ok()) *created = *std::move(record);
+    return record.status();
   };
-  writer_.Queue({.apply = apply, .answer = [created, done = std::move(done)](const absl::Status& status) {
-                   done(status.ok() ? std::move(*created) : absl::StatusOr<JobRecord>(status));
+  writer_.Queue({.apply = apply, .answer = [created, done = std::move(done)](absl::Status status) {
+                   status.ok() ? done(std::move(*created)) : done(std::move(status));
                  }});
 }
 

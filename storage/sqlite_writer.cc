@@ -1,6 +1,7 @@
 #include "storage/sqlite_writer.h"
 
 #include <algorithm>
+#include <string>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
@@ -11,6 +12,16 @@ namespace {
 constexpr std::size_t kLargestGroup = 1024;
 constexpr std::chrono::milliseconds kFirstPause{50};
 constexpr std::chrono::milliseconds kLongestPause{2000};
+
+// A status of its own for each (see SqliteWriter::Operation::answer).
+std::vector<absl::Status> GiveUp(std::size_t operations, const absl::Status& trouble) {
+  std::vector<absl::Status> results;
+  for (std::size_t i = 0; i < operations; ++i) {
+    results.push_back(
+        absl::UnavailableError(absl::StrCat("the store was closed while it could not write: ", trouble.message())));
+  }
+  return results;
+}
 
 }  // namespace
 
@@ -42,7 +53,7 @@ void SqliteWriter::Flush() {
 
 absl::Status SqliteWriter::trouble() const {
   const std::lock_guard lock(mutex_);
-  return trouble_;
+  return trouble_.empty() ? absl::OkStatus() : absl::UnavailableError(trouble_);
 }
 
 bool SqliteWriter::stopping() const {
@@ -50,9 +61,9 @@ bool SqliteWriter::stopping() const {
   return stopping_;
 }
 
-void SqliteWriter::SetTrouble(absl::Status status) {
+void SqliteWriter::SetTrouble(std::string reason) {
   const std::lock_guard lock(mutex_);
-  trouble_ = std::move(status);
+  trouble_ = std::move(reason);
 }
 
 void SqliteWriter::PauseBeforeRetry(std::chrono::milliseconds pause) {
@@ -66,8 +77,8 @@ void SqliteWriter::Run() {
     if (group.empty()) {
       RemoveLeftovers();
     } else {
-      const std::vector<absl::Status> results = Commit(group);
-      for (std::size_t i = 0; i < group.size(); ++i) group[i].answer(results[i]);
+      std::vector<absl::Status> results = Commit(group);
+      for (std::size_t i = 0; i < group.size(); ++i) group[i].answer(std::move(results[i]));
       group.clear();
       CountAnswered(results.size());
     }
@@ -95,23 +106,21 @@ void SqliteWriter::CountAnswered(std::size_t answered) {
 }
 
 std::vector<absl::Status> SqliteWriter::Commit(std::span<const Operation> group) {
+  if (gave_up_) return GiveUp(group.size(), trouble());
   for (auto pause = kFirstPause;; pause = std::min(2 * pause, kLongestPause)) {
     const bool last_try = stopping();
-    absl::StatusOr<std::vector<absl::Status>> results =
-        gave_up_ ? absl::StatusOr<std::vector<absl::Status>>(trouble()) : TryCommit(group);
+    absl::StatusOr<std::vector<absl::Status>> results = TryCommit(group);
     if (results.ok()) {
-      SetTrouble(absl::OkStatus());
+      SetTrouble("");
       return *std::move(results);
     }
     if (!absl::IsUnavailable(results.status())) {
       return group.size() == 1 ? std::vector{results.status()} : CommitOneByOne(group);
     }
-    SetTrouble(results.status());
+    SetTrouble(std::string(results.status().message()));
     if (last_try) {
       gave_up_ = true;
-      return std::vector<absl::Status>(
-          group.size(), absl::UnavailableError(absl::StrCat("the store was closed while it could not write: ",
-                                                            results.status().message())));
+      return GiveUp(group.size(), trouble());
     }
     PauseBeforeRetry(pause);
   }

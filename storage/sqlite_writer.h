@@ -4,10 +4,12 @@
 
 #include <chrono>
 #include <condition_variable>
+#include <cstdint>
 #include <deque>
 #include <functional>
 #include <mutex>
 #include <span>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -23,6 +25,7 @@ class SqliteWriter {
     std::function<absl::Status(JobTables&)> apply;
     // Called once, on the writer's thread, in the order of the queue: with the result of apply once that is committed;
     // UNAVAILABLE where the writer ends before that, or INTERNAL or DATA_LOSS where SQLite refuses this operation.
+    // The writer keeps no part of the status: its reference counts are in a library that TSan cannot see into.
     std::function<void(absl::Status)> answer;
   };
 
@@ -55,7 +58,7 @@ class SqliteWriter {
   void CountAnswered(std::size_t answered);
   void RemoveLeftovers();
   bool stopping() const;
-  void SetTrouble(absl::Status status);
+  void SetTrouble(std::string reason);
   void PauseBeforeRetry(std::chrono::milliseconds pause);
 
   // Writer thread only.
@@ -72,7 +75,7 @@ class SqliteWriter {
   std::uint64_t queued_count_ = 0;
   std::uint64_t answered_count_ = 0;
   bool stopping_ = false;
-  absl::Status trouble_;
+  std::string trouble_;  // why what is queued waits; empty: it does not
 
   std::thread thread_;  // last: it uses all of the above
 };

@@ -3,6 +3,7 @@
 #include <optional>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/format.h"
@@ -37,7 +38,11 @@ Details ParseDetails(const grpc::Status& status) {
 }
 
 std::string RenderText(const grpc::Status& status, const Details& details) {
-  std::string text = absl::StrCat("orbitune: ", CodeName(status.error_code()), ": ", status.error_message(), "\n");
+  // A message that only lists the violations is not said twice.
+  const bool listed = !details.violations.empty() &&
+                      absl::StrContains(status.error_message(), details.violations.front().description());
+  std::string text = absl::StrCat("orbitune: ", CodeName(status.error_code()), listed ? "" : ": ",
+                                  listed ? "" : status.error_message(), "\n");
   for (const auto& violation : details.violations) {
     absl::StrAppend(&text, "  ", violation.field(), ": ", violation.description(), "\n");
   }

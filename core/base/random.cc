@@ -13,7 +13,7 @@ struct UniformPair {
   double second;
 };
 
-// 53 random bits, centred in their cell: never 0, never 1.
+// 53 random bits, centred in their cell: never 0.
 double ToUniform(std::uint32_t high, std::uint32_t low) {
   const std::uint64_t bits = (static_cast<std::uint64_t>(high) << 32 | low) >> 11;
   return (static_cast<double>(bits) + 0.5) * 0x1p-53;

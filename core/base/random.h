@@ -19,7 +19,7 @@ struct RandomKey {
 
 double StandardNormal(const RandomKey& key, std::uint32_t component);
 
-// Uniform in (0, 1).
+// Uniform in (0, 1].
 double StandardUniform(const RandomKey& key, std::uint32_t component);
 
 }  // namespace orbitune

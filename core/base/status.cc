@@ -46,8 +46,7 @@ std::string FormatReceived(std::string_view text) {
 }
 
 void FieldErrors::Add(std::string_view field, std::string_view allowed, std::string_view received) {
-  violations_.push_back(
-      {std::string(field), absl::StrCat("must be ", ToAbsl(allowed), ", got ", ToAbsl(received))});
+  violations_.push_back({std::string(field), absl::StrCat("must be ", ToAbsl(allowed), ", got ", ToAbsl(received))});
 }
 
 void FieldErrors::AddNumber(std::string_view field, std::string_view allowed, double received) {

@@ -20,7 +20,7 @@ double SettlingLyapunov(double distance, double target_eccentricity, double k1) 
   const double b = kRoot2 + q * a + kRoot2 * distance * q;
   const double root = std::sqrt(b * b - 4 * kRoot2 * a * distance * q * q);
   const double s = 2 * distance * q * q / (b + root);
-  const double largest = q / 2 / kRoot2;  // the bound holds for sqrt2 s < q / 2
+  const double largest = q / 2 / kRoot2;                    // the bound holds for sqrt2 s < q / 2
   const double below = std::min(s, largest) * (1 - 1e-12);  // rounding must not overstate it
   return below * below;
 }

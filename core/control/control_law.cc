@@ -59,8 +59,7 @@ LawValue EvaluateLaw(const ErrorState& x, const TargetOrbit& target, const Targe
   const double f13_rate = rate3 + 2 * zeta_x_rate;
   const double f12_rate = 2 * f.a * (rate3 + zeta_x_rate);
   const double f33_rate = f13_rate * phase.zeta_y + f.f13 * zeta_y_rate;
-  const double n_rate =
-      k.k1 * (f13_rate * s1 + f.f13 * c1 * rate1) - f33_rate * x.x3 + damping * rate3;
+  const double n_rate = k.k1 * (f13_rate * s1 + f.f13 * c1 * rate1) - f33_rate * x.x3 + damping * rate3;
   const double xi_rate = (n_rate - xi * f12_rate) / f.f12;
 
   const double z = x.x4 - xi;
@@ -72,8 +71,8 @@ LawValue EvaluateLaw(const ErrorState& x, const TargetOrbit& target, const Targe
   value.u.radial = -(f.f43 * x.x3 - xi_rate) - k.k4 * z;
   value.u.transverse = -f.a * (k.k1 * f.f12 * s1 + f.f42 * z + k.k2 * x.x2);  // 1 / G22 = a
   value.u.normal = -k.k5 * v_h;
-  value.lyapunov = 2 * k.k1 * half_sine * half_sine +
-                   (x.x2 * x.x2 + x.x3 * x.x3 + z * z + x.x5 * x.x5 + x.x6 * x.x6) / 2;
+  value.lyapunov =
+      2 * k.k1 * half_sine * half_sine + (x.x2 * x.x2 + x.x3 * x.x3 + z * z + x.x5 * x.x5 + x.x6 * x.x6) / 2;
   value.lyapunov_rate = -(k.k2 * x.x2 * x.x2 + k.k3 * x.x3 * x.x3 + k.k4 * z * z) - k.k5 * v_h * v_h;
   return value;
 }

@@ -17,8 +17,6 @@ TargetPhase TargetOrbit::PhaseAt(double s, double c) const {
 
 TargetPhase TargetOrbit::PhaseAt(double longitude) const { return PhaseAt(std::sin(longitude), std::cos(longitude)); }
 
-double TargetOrbit::LongitudeRate(const TargetPhase& phase) {
-  return (1 + phase.zeta_x) * (1 + phase.zeta_x);
-}
+double TargetOrbit::LongitudeRate(const TargetPhase& phase) { return (1 + phase.zeta_x) * (1 + phase.zeta_x); }
 
 }  // namespace orbitune

@@ -31,11 +31,12 @@ absl::StatusOr<EquinoctialElements> ResolveForm(const std::monostate&, double) {
 
 absl::StatusOr<EquinoctialElements> ResolveForm(const KeplerianState& s, double) {
   FieldErrors errors;
-  errors.Merge("keplerian", RequireFinite({{"raan_deg", s.raan_deg},
-                                           {"argument_of_periapsis_deg", s.argument_of_periapsis_deg},
-                                           {s.position == KeplerianState::Position::kTrueAnomaly ? "true_anomaly_deg"
-                                                                                                 : "true_longitude_deg",
-                                            s.position_deg}}));
+  errors.Merge(
+      "keplerian",
+      RequireFinite({{"raan_deg", s.raan_deg},
+                     {"argument_of_periapsis_deg", s.argument_of_periapsis_deg},
+                     {s.position == KeplerianState::Position::kTrueAnomaly ? "true_anomaly_deg" : "true_longitude_deg",
+                      s.position_deg}}));
   if (!(std::isfinite(s.semi_major_axis_km) && s.semi_major_axis_km > 0)) {
     errors.AddNumber("keplerian.semi_major_axis_km", "> 0 and finite", s.semi_major_axis_km);
   }
@@ -60,21 +61,16 @@ absl::StatusOr<EquinoctialElements> ResolveForm(const KeplerianState& s, double)
 
 absl::StatusOr<EquinoctialElements> ResolveForm(const EquinoctialState& s, double) {
   FieldErrors errors;
-  errors.Merge("equinoctial", RequireFinite({{"ex", s.ex},
-                                             {"ey", s.ey},
-                                             {"hx", s.hx},
-                                             {"hy", s.hy},
-                                             {"true_longitude_deg", s.true_longitude_deg}}));
+  errors.Merge(
+      "equinoctial",
+      RequireFinite(
+          {{"ex", s.ex}, {"ey", s.ey}, {"hx", s.hx}, {"hy", s.hy}, {"true_longitude_deg", s.true_longitude_deg}}));
   if (!(std::isfinite(s.p_km) && s.p_km > 0)) errors.AddNumber("equinoctial.p_km", "> 0 and finite", s.p_km);
   const double e = std::hypot(s.ex, s.ey);
   if (e >= 1) errors.AddNumber("equinoctial.ex", "such that sqrt(ex^2 + ey^2) < 1, an ellipse", e);
   if (!errors.empty()) return errors.ToStatus();
-  return EquinoctialElements{.true_longitude = s.true_longitude_deg * kDegree,
-                             .p = s.p_km,
-                             .ex = s.ex,
-                             .ey = s.ey,
-                             .hx = s.hx,
-                             .hy = s.hy};
+  return EquinoctialElements{
+      .true_longitude = s.true_longitude_deg * kDegree, .p = s.p_km, .ex = s.ex, .ey = s.ey, .hx = s.hx, .hy = s.hy};
 }
 
 absl::StatusOr<EquinoctialElements> ResolveForm(const CartesianStateKm& s, double mu_km3_s2) {
@@ -90,7 +86,10 @@ absl::StatusOr<EquinoctialElements> ResolveForm(const CartesianStateKm& s, doubl
       CartesianState{.position = {s.x_km, s.y_km, s.z_km}, .velocity = {s.x_dot_km_s, s.y_dot_km_s, s.z_dot_km_s}},
       mu_km3_s2);
   if (!elements.ok()) {
-    errors.Merge("cartesian", elements.status());
+    // What is wrong is a property of the whole state, not one of its six numbers.
+    for (const FieldViolation& v : FieldViolationsOf(elements.status())) {
+      errors.AddViolation({"cartesian", absl::StrCat("its ", v.field, " ", v.description)});
+    }
     return errors.ToStatus();
   }
   return elements;

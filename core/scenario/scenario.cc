@@ -64,11 +64,8 @@ absl::StatusOr<PreparedScenario> Prepare(const Scenario& scenario, const OrbitSt
   prepared.acceleration_unit_m_s2 = OrDefault(scenario.acceleration_unit_m_s2, units.acceleration_m_s2());
 
   EpisodeProblem& problem = prepared.problem;
-  problem.target = {.ex = target.ex,
-                    .ey = target.ey,
-                    .hx = target.hx,
-                    .hy = target.hy,
-                    .initial_longitude = target.true_longitude};
+  problem.target = {
+      .ex = target.ex, .ey = target.ey, .hx = target.hx, .hy = target.hy, .initial_longitude = target.true_longitude};
   chaser->p /= target.p;
   problem.initial_error = ErrorBetween(*chaser, problem.target, target.true_longitude);
   problem.gain_units = {.velocity = prepared.velocity_unit_m_s / units.velocity_m_s(),
@@ -88,8 +85,8 @@ std::string DescribeOutcome(const EpisodeResult& result, const PreparedScenario&
     case Outcome::kSettled:
       return "";
     case Outcome::kNotSettled:
-      return absl::StrFormat("not settled within the horizon of %d samples (%g s)",
-                             prepared.problem.horizon_samples, time_s);
+      return absl::StrFormat("not settled within the horizon of %d samples (%g s)", prepared.problem.horizon_samples,
+                             time_s);
     case Outcome::kLeftDomain:
       return absl::StrFormat(
           "left the domain of the error coordinates at t = %.6g s: %s (angular momentum at %.3g of the target's, "

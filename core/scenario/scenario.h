@@ -18,9 +18,9 @@ struct Scenario {
   OrbitState target;  // at t = 0
   OrbitState chaser;  // the default initial condition, at t = 0
   double sampling_period_s = 0;
-  int horizon_samples = 0;          // H
-  double fuel_weight = 0;           // rho
-  double settling_distance_km = 0;  // epsilon
+  int horizon_samples = 0;            // H
+  double fuel_weight = 0;             // rho
+  double settling_distance_km = 0;    // epsilon
   double velocity_unit_m_s = 0;       // of K1; 0: sqrt(mu / p_r)
   double acceleration_unit_m_s2 = 0;  // of K2..K5 and of the control in the cost; 0: mu / p_r^2
   ControlHold control_hold = ControlHold::kContinuous;

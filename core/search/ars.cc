@@ -67,10 +67,9 @@ absl::Status ArsOptions::Validate() const {
   for (int i = 0; i < kGainCount; ++i) {
     const double gain = initial_gains[static_cast<std::size_t>(i)];
     if (!(gain >= gain_floor && gain <= kMaxGain)) {
-      errors.AddNumber(Element("initial_gains", i),
-                       absl::StrCat("in [gain_floor, ", kMaxGain, "] = [", FormatNumber(gain_floor), ", ", kMaxGain,
-                                    "]"),
-                       gain);
+      errors.AddNumber(
+          Element("initial_gains", i),
+          absl::StrCat("in [gain_floor, ", kMaxGain, "] = [", FormatNumber(gain_floor), ", ", kMaxGain, "]"), gain);
     }
     const double std = exploration_std[static_cast<std::size_t>(i)];
     if (!(std >= 0 && std <= kMaxGain)) {
@@ -93,8 +92,7 @@ Gains SearchDirection(const ArsOptions& options, int iteration, int direction) {
   return delta;
 }
 
-ArsSearch::ArsSearch(const ArsOptions& options)
-    : options_(options), iteration_(1), gains_(options.initial_gains) {
+ArsSearch::ArsSearch(const ArsOptions& options) : options_(options), iteration_(1), gains_(options.initial_gains) {
   FillBatch();
 }
 
@@ -111,8 +109,8 @@ void ArsSearch::FillBatch() {
     for (const double sign : {1.0, -1.0}) {
       Gains& k = batch_.emplace_back(gains_);
       for (std::size_t i = 0; i < kGainCount; ++i) {
-        k[i] = std::clamp(k[i] + sign * options_.exploration_scale * delta[i], options_.gain_floor,
-                          ArsOptions::kMaxGain);
+        k[i] =
+            std::clamp(k[i] + sign * options_.exploration_scale * delta[i], options_.gain_floor, ArsOptions::kMaxGain);
       }
     }
   }
@@ -123,9 +121,9 @@ absl::StatusOr<IterationRecord> ArsSearch::Update(std::span<const EpisodeResult>
   const EpisodeResult& own = results[0];
   const PairStatistics pairs = Summarise(results, directions_);
   if (pairs.used == 0) {
-    return absl::FailedPreconditionError(absl::StrCat(
-        "iteration ", iteration_, ": all ", options_.directions,
-        " pairs of episodes left the domain or failed, so there is no cost to improve"));
+    return absl::FailedPreconditionError(
+        absl::StrCat("iteration ", iteration_, ": all ", options_.directions,
+                     " pairs of episodes left the domain or failed, so there is no cost to improve"));
   }
   IterationRecord record{.iteration = iteration_,
                          .gains = gains_,

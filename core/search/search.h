@@ -20,8 +20,8 @@ struct IterationRecord {
   double cost = kUnset;  // J(K(i)); NaN unless HasCost(outcome)
   int settling_samples = 0;
   double fuel_sum = kUnset;
-  double cost_std = 0;       // sigma_J, population form, over the pairs used; 0: no step was taken
-  int pairs_left_out = 0;    // an episode of the pair left the domain or failed
+  double cost_std = 0;        // sigma_J, population form, over the pairs used; 0: no step was taken
+  int pairs_left_out = 0;     // an episode of the pair left the domain or failed
   int pairs_not_settled = 0;  // used, though an episode of the pair did not settle within the horizon
 };
 

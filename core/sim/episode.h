@@ -1,6 +1,7 @@
 // One closed-loop episode: what goes in, what comes out. Canonical units of the target orbit (core/orbit/target.h).
 #pragma once
 
+#include <functional>
 #include <limits>
 #include <string>
 #include <vector>
@@ -10,8 +11,9 @@
 namespace orbitune {
 
 inline constexpr double kDefaultIntegrationTolerance = 1e-9;
-// Attempts at a step, on average over an episode's samples, before it counts as a numerical failure.
-inline constexpr int kMaxStepsPerSample = 1000;
+// Attempts at a step before an episode counts as a numerical failure: far more than any tolerance allowed needs, but an
+// end.
+constexpr int MaxStepAttempts(int horizon_samples) { return 100'000 + 1000 * horizon_samples; }
 
 enum class ControlHold { kContinuous, kZeroOrder };
 
@@ -19,10 +21,10 @@ struct EpisodeProblem {
   TargetOrbit target;
   ErrorState initial_error;
   GainUnits gain_units;
-  double sampling_period = 0;     // Ts
-  int horizon_samples = 0;        // H
-  double fuel_weight = 0;         // rho
-  double settling_distance = 0;   // epsilon, in units of p_r
+  double sampling_period = 0;    // Ts
+  int horizon_samples = 0;       // H
+  double fuel_weight = 0;        // rho
+  double settling_distance = 0;  // epsilon, in units of p_r
   ControlHold hold = ControlHold::kContinuous;
   double tolerance = kDefaultIntegrationTolerance;  // of one step, relative to the size of x
 };
@@ -41,10 +43,10 @@ inline constexpr double kUnset = std::numeric_limits<double>::quiet_NaN();
 
 struct EpisodeResult {
   Outcome outcome = Outcome::kNumericalFailure;
-  int settling_samples = 0;   // Hc
-  double fuel_sum = kUnset;   // sum of ||u(k)||, k < Hc, in the scenario's acceleration unit
-  double cost = kUnset;       // J = Hc + rho * fuel_sum; NaN unless HasCost(outcome)
-  double end_time = 0;        // simulated time reached
+  int settling_samples = 0;  // Hc
+  double fuel_sum = kUnset;  // sum of ||u(k)||, k < Hc, in the scenario's acceleration unit
+  double cost = kUnset;      // J = Hc + rho * fuel_sum; NaN unless HasCost(outcome)
+  double end_time = 0;       // simulated time reached
   double initial_lyapunov = kUnset;
   // With EpisodeOptions::measure_effort only; velocities and accelerations, canonical.
   double delta_v_to_settling = kUnset;  // integral of ||u|| dt up to Hc Ts
@@ -74,6 +76,8 @@ struct EpisodeOptions {
   bool early_exit = true;
   bool measure_effort = false;
   std::vector<EpisodeSample>* trajectory = nullptr;  // appended to, not owned
+  // Asked at every sample; true ends the episode as a numerical failure, for a caller that wants no answer any more.
+  std::function<bool()> cancelled;
 };
 
 }  // namespace orbitune

@@ -24,7 +24,7 @@ constexpr double kA[kStages][kStages - 1] = {
     {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
     {35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84},
 };
-constexpr double kError[kStages] = {71.0 / 57600,      0,           -71.0 / 16695, 71.0 / 1920,
+constexpr double kError[kStages] = {71.0 / 57600,      0,          -71.0 / 16695, 71.0 / 1920,
                                     -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
 
 // Step size control: Gustafsson's PI controller for a fifth-order pair (Hairer, Norsett, Wanner I, IV.2).
@@ -39,6 +39,8 @@ constexpr double kNegligible = 1e-2;
 // The edge of the domain is singular: steps shrink before it, and no trajectory comes back from so near (1 + x2 = 1e-4
 // is a semi-parameter of 1e-8 p_r, a = 1e-4 a radius of 1e4 p_r).
 constexpr double kAtEdge = 1e-4;
+// An episode whose steps have shrunk to nothing this near the edge has met the edge; elsewhere it is too stiff.
+constexpr double kNearEdge = 1e-2;
 
 enum class StepEnd { kAccepted, kInaccurate, kOutside };
 
@@ -65,6 +67,7 @@ class Episode {
       if (!TakeSample(sample)) return EndEarly(Outcome::kNumericalFailure);
       if (sample == problem_.horizon_samples) break;
       if (law_.lyapunov <= settled_below_) return Settle();
+      if (options_.cancelled && options_.cancelled()) return EndEarly(Outcome::kNumericalFailure);
       const Outcome outcome = AdvanceTo((sample + 1) * problem_.sampling_period);
       if (outcome != Outcome::kSettled) return EndEarly(outcome);
     }
@@ -83,8 +86,8 @@ class Episode {
     law = EvaluateLaw(x, problem_.target, phase, gains_);
     const Control& u = problem_.hold == ControlHold::kContinuous ? law.u : held_;
     const ErrorState d = ErrorRates(x, problem_.target, phase, u);
-    rates = {d.x1, d.x2, d.x3, d.x4, d.x5, d.x6, TargetOrbit::LongitudeRate(phase),
-             options_.measure_effort ? u.norm() : 0};
+    rates = {
+        d.x1, d.x2, d.x3, d.x4, d.x5, d.x6, TargetOrbit::LongitudeRate(phase), options_.measure_effort ? u.norm() : 0};
     return true;
   }
 
@@ -126,14 +129,14 @@ class Episode {
         // A step cut short to meet a sample says little about the next one's size.
         step_ = h < step_ ? std::max(step_, next_step_) : next_step_;
         NotePeak();
-        if (AtEdge()) return Outcome::kLeftDomain;
+        if (Margin() < kAtEdge) return Outcome::kLeftDomain;
       } else {
         ++result_.rejected_steps;
         step_ = next_step_;
       }
       const bool stuck = step_ < 1e-13 * std::max(1.0, time_) ||
-                         result_.steps + result_.rejected_steps > kMaxStepsPerSample * problem_.horizon_samples;
-      if (stuck) return end == StepEnd::kOutside ? Outcome::kLeftDomain : Outcome::kNumericalFailure;
+                         result_.steps + result_.rejected_steps > MaxStepAttempts(problem_.horizon_samples);
+      if (stuck) return Margin() < kNearEdge ? Outcome::kLeftDomain : Outcome::kNumericalFailure;
     }
     return Outcome::kSettled;
   }
@@ -196,7 +199,7 @@ class Episode {
   }
 
   double MomentumRatio() const { return 1 + y_[1]; }
-  bool AtEdge() const { return std::min(MomentumRatio(), InverseRadius(ErrorOf(y_), PhaseOf(y_))) < kAtEdge; }
+  double Margin() const { return std::min(MomentumRatio(), InverseRadius(ErrorOf(y_), PhaseOf(y_))); }
 
   EpisodeResult EndEarly(Outcome outcome) {
     result_.outcome = outcome;

@@ -32,7 +32,7 @@ simd::LaneEpisode ToLane(const BatchEpisode& episode) {
       .settled_below = episode.early_exit ? SettlingLyapunov(p.settling_distance, p.target.eccentricity(), k.k1) : -1,
       .control_unit = p.gain_units.acceleration,
       .tolerance = p.tolerance,
-      .max_attempts = static_cast<double>(kMaxStepsPerSample) * p.horizon_samples};
+      .max_attempts = static_cast<double>(MaxStepAttempts(p.horizon_samples))};
 }
 
 Outcome FromLane(simd::LaneOutcome outcome) {

@@ -311,8 +311,9 @@ struct Kernel {
     const V new_fuel = hn::IfThenElse(hn::AndNot(at_end, hit), hn::Add(fuel, value.control), fuel);
     const M outside = hn::And(hit, value.outside);
     hn::Store(new_fuel, kD, l.fuel + at);
-    hn::Store(hn::IfThenElse(hn::AndNot(at_end, outside), hn::Add(sample, one), hn::Load(kD, l.settling + at)), kD,
-              l.settling + at);
+    // Outside at the end: not settled, and Hc = H.
+    const V settled_at = hn::IfThenElse(at_end, sample, hn::Add(sample, one));
+    hn::Store(hn::IfThenElse(outside, settled_at, hn::Load(kD, l.settling + at)), kD, l.settling + at);
     hn::Store(hn::IfThenElse(outside, new_fuel, hn::Load(kD, l.settling_fuel + at)), kD, l.settling_fuel + at);
     hn::Store(hn::IfThenElse(hit, hn::IfThenElseZero(value.outside, one), hn::Load(kD, l.outside + at)), kD,
               l.outside + at);
@@ -327,7 +328,9 @@ struct Kernel {
     hn::Store(end, kD, l.end + at);
   }
 
-  static constexpr double kEdge = 1e-4;  // as core/sim/scalar_simulator.cc's kAtEdge
+  // As in core/sim/scalar_simulator.cc.
+  static constexpr double kEdge = 1e-4;
+  static constexpr double kNearEdge = 1e-2;
 
   // Decides each lane's attempt: accepts or rejects it, sets the next step size, books samples, notes ends.
   static HWY_INLINE void Decide(Lanes& l, const Row (*k)[kComponents], const Attempt& attempt, const V* y, V z,
@@ -396,8 +399,11 @@ struct Kernel {
     const M at_edge = hn::And(accepted, hn::Lt(attempt.margin[v], Set(kEdge)));
     const M stuck = hn::And(flying, hn::Or(hn::Lt(new_step, hn::Mul(Set(1e-13), hn::Max(one, time))),
                                            hn::Gt(attempts, load(l.max_attempts))));
+    const V a =
+        hn::MulAdd(load(l.ex), load(l.y[kCL]), hn::MulAdd(load(l.ey), load(l.y[kSL]), hn::Add(one, load(l.y[kX3]))));
+    const V margin = hn::Min(a, hn::Add(one, load(l.y[kX2])));
     V end = load(l.end);
-    end = hn::IfThenElse(stuck, hn::IfThenElse(inside, Set(kStuck), Set(kAtEdge)), end);
+    end = hn::IfThenElse(stuck, hn::IfThenElse(hn::Lt(margin, Set(kNearEdge)), Set(kAtEdge), Set(kStuck)), end);
     end = hn::IfThenElse(at_edge, Set(kAtEdge), end);
     store(end, l.end);
     const M hit = hn::And(accepted, hn::AndNot(hn::Or(at_edge, stuck), attempt.last[v]));

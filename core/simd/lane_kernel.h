@@ -20,7 +20,7 @@ struct LaneEpisode {
   double settled_below;      // c*: stop at a sample with V <= c*; negative: never
   double control_unit;       // of ||u|| in the fuel sum
   double tolerance;
-  double max_attempts;       // of steps
+  double max_attempts;  // of steps
 };
 
 enum class LaneOutcome { kSettled, kNotSettled, kLeftDomain, kNumericalFailure };
@@ -37,8 +37,8 @@ struct LaneResult {
   int rejected_steps;
 };
 
-// Simulates n episodes on the calling thread. Each result is a function of its episode alone: not of its neighbours, the
-// order, n, nor, among the targets that can fuse a multiplication and an addition, the target.
+// Simulates n episodes on the calling thread. Each result is a function of its episode alone: not of its neighbours,
+// the order, n, nor, among the targets that can fuse a multiplication and an addition, the target.
 void RunLanes(const LaneEpisode* episodes, LaneResult* results, std::size_t n);
 
 // How many episodes one thread keeps in flight on the target in use.

@@ -49,11 +49,16 @@ class EnvironmentFirst : public CLI::ConfigBase {
 std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_code) {
   ServerConfig config;
   config.data_dir = DefaultDataDir();
-  CLI::App app("orbituned: the Orbitune tuning server. Every option can also be given in the environment, or in the "
-               "configuration file (TOML: listen = \"127.0.0.1:7313\").",
-               "orbituned");
+  CLI::App app(
+      "orbituned: the Orbitune tuning server. Every option can also be given in the environment, or in the "
+      "configuration file (TOML: listen = \"127.0.0.1:7313\").",
+      "orbituned");
   app.set_version_flag("--version", "orbituned " ORBITUNE_VERSION);
-  app.set_config("--config", "", "Configuration file")->envname("ORBITUNE_CONFIG");
+  // CLI11 looks into the environment only after the file: what it says is the default, and has to be there.
+  const char* config_file = std::getenv("ORBITUNE_CONFIG");
+  const bool in_environment = config_file != nullptr && *config_file != '\0';
+  app.set_config("--config", in_environment ? config_file : "", "Configuration file", in_environment)
+      ->envname("ORBITUNE_CONFIG");
   app.config_formatter(std::make_shared<EnvironmentFirst>());
   app.allow_config_extras(CLI::config_extras_mode::error);
   app.add_option("--data-dir", config.data_dir, "Where the database is kept; made if it is not there")
@@ -63,7 +68,8 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_c
       ->envname("ORBITUNE_LISTEN")
       ->check(CheckAddress)
       ->capture_default_str();
-  app.add_option("--http", config.http, "HTTP address, HOST:PORT, kept for REST and the dashboard (not in this version)")
+  app.add_option("--http", config.http,
+                 "HTTP address, HOST:PORT, kept for REST and the dashboard (not in this version)")
       ->envname("ORBITUNE_HTTP")
       ->check(CheckAddress)
       ->capture_default_str();
@@ -79,8 +85,9 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_c
       ->envname("ORBITUNE_SIMD")
       ->check(CLI::IsMember({"auto", "avx512", "avx2", "baseline"}))
       ->capture_default_str();
-  app.footer("SIGTERM or SIGINT: unfinished jobs are kept and taken up at the next start.\n"
-             "Exit status: 0 stopped by a signal, 1 could not start, 2 wrong usage.");
+  app.footer(
+      "SIGTERM or SIGINT: unfinished jobs are kept and taken up at the next start.\n"
+      "Exit status: 0 stopped by a signal, 1 could not start, 2 wrong usage.");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -29,14 +29,14 @@ OrbitState FromProto(const v1::OrbitState& state) {
     case v1::OrbitState::kKeplerian: {
       const v1::KeplerianElements& k = state.keplerian();
       const bool longitude = k.position_case() == v1::KeplerianElements::kTrueLongitudeDeg;
-      return KeplerianState{.semi_major_axis_km = k.semi_major_axis_km(),
-                            .eccentricity = k.eccentricity(),
-                            .inclination_deg = k.inclination_deg(),
-                            .raan_deg = k.raan_deg(),
-                            .argument_of_periapsis_deg = k.argument_of_periapsis_deg(),
-                            .position = longitude ? KeplerianState::Position::kTrueLongitude
-                                                  : KeplerianState::Position::kTrueAnomaly,
-                            .position_deg = longitude ? k.true_longitude_deg() : k.true_anomaly_deg()};
+      return KeplerianState{
+          .semi_major_axis_km = k.semi_major_axis_km(),
+          .eccentricity = k.eccentricity(),
+          .inclination_deg = k.inclination_deg(),
+          .raan_deg = k.raan_deg(),
+          .argument_of_periapsis_deg = k.argument_of_periapsis_deg(),
+          .position = longitude ? KeplerianState::Position::kTrueLongitude : KeplerianState::Position::kTrueAnomaly,
+          .position_deg = longitude ? k.true_longitude_deg() : k.true_anomaly_deg()};
     }
     case v1::OrbitState::kEquinoctial: {
       const v1::EquinoctialElements& m = state.equinoctial();

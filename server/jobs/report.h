@@ -12,7 +12,7 @@ inline constexpr double kChemicalEngineLimitMS2 = 1.0;
 EpisodeReport ToReport(const EpisodeResult& result, const PreparedScenario& prepared);
 
 // results: of K(1), K(M) and the best K, in that order, over the full horizon with their effort measured.
-JobReport BuildReport(const JobRecord& job, const PreparedScenario& prepared,
-                      std::span<const EpisodeResult> results, std::int64_t pairs_left_out);
+JobReport BuildReport(const JobRecord& job, const PreparedScenario& prepared, std::span<const EpisodeResult> results,
+                      std::int64_t pairs_left_out);
 
 }  // namespace orbitune

@@ -13,6 +13,14 @@
 
 namespace orbitune {
 
+namespace {
+
+// What a job takes in its turn however large its batches, so that a small job beside it gets on, and a stop waits for
+// little; some times the lanes of the widest vector, so that they are used.
+constexpr std::size_t kLargestChunk = 64;
+
+}  // namespace
+
 TimeUs NowUs() {
   return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
       .count();
@@ -28,9 +36,8 @@ absl::Status CheckEtag(const JobRecord& record, const std::string& etag) {
 }
 
 absl::Status WrongState(const std::string& id, JobState state, std::string_view action, std::string_view needed) {
-  return WithReason(absl::FailedPreconditionError(absl::StrCat("jobs/", id, " is ", ToAbsl(NameOf(state)),
-                                                               "; to ", ToAbsl(action), " it, it must be ",
-                                                               ToAbsl(needed))),
+  return WithReason(absl::FailedPreconditionError(absl::StrCat("jobs/", id, " is ", ToAbsl(NameOf(state)), "; to ",
+                                                               ToAbsl(action), " it, it must be ", ToAbsl(needed))),
                     "JOB_STATE");
 }
 
@@ -227,7 +234,7 @@ bool Scheduler::NextChunk(Chunk& chunk) {
     chunk = {.entry = entry,
              .run = entry->run,
              .begin = run.claimed,
-             .count = std::min(share, run.results.size() - run.claimed)};
+             .count = std::min({share, kLargestChunk, run.results.size() - run.claimed})};
     run.claimed += chunk.count;
     return true;
   }
@@ -356,8 +363,7 @@ void Scheduler::Transition(const std::string& id, const std::string& etag, std::
 void Scheduler::Pause(const std::string& id, const std::string& etag, Done done) {
   Transition(
       id, etag, "pause", "QUEUED or RUNNING",
-      [](JobState s) { return s == JobState::kQueued || s == JobState::kRunning; }, JobState::kPaused,
-      std::move(done));
+      [](JobState s) { return s == JobState::kQueued || s == JobState::kRunning; }, JobState::kPaused, std::move(done));
 }
 
 void Scheduler::Resume(const std::string& id, const std::string& etag, Done done) {
@@ -368,8 +374,8 @@ void Scheduler::Resume(const std::string& id, const std::string& etag, Done done
 
 void Scheduler::Cancel(const std::string& id, const std::string& etag, Done done) {
   Transition(
-      id, etag, "cancel", "QUEUED, RUNNING or PAUSED", [](JobState s) { return !IsTerminal(s); },
-      JobState::kCancelled, std::move(done));
+      id, etag, "cancel", "QUEUED, RUNNING or PAUSED", [](JobState s) { return !IsTerminal(s); }, JobState::kCancelled,
+      std::move(done));
 }
 
 }  // namespace orbitune

@@ -34,8 +34,8 @@ absl::Status WrongState(const std::string& id, JobState state, std::string_view 
 class Scheduler {
  public:
   struct Options {
-    int threads = 1;                      // > 0
-    int max_running_jobs = 64;            // the rest waits in order of creation
+    int threads = 1;                       // > 0
+    int max_running_jobs = 64;             // the rest waits in order of creation
     int max_uncommitted_iterations = 256;  // of one job; beyond, it waits for the disk
   };
   // The job as of the change, committed.
@@ -64,8 +64,8 @@ class Scheduler {
   void Cancel(const std::string& id, const std::string& etag, Done done);
 
  private:
-  struct Run;      // one stretch of execution, from a start or resume to an end or pause
-  struct Entry;    // an unfinished job
+  struct Run;    // one stretch of execution, from a start or resume to an end or pause
+  struct Entry;  // an unfinished job
   struct Chunk;  // one unit of work
   using EntryPtr = std::shared_ptr<Entry>;
   using Lock = std::unique_lock<std::mutex>;

@@ -24,6 +24,9 @@ using Reactor = grpc::ServerUnaryReactor;
 
 constexpr int kExecutorThreads = 4;
 constexpr std::size_t kMostQueued = 10'000;
+// Episodes have threads of their own: a long one must not keep a list or a cancellation waiting.
+constexpr int kEpisodeThreads = 2;
+constexpr std::size_t kMostEpisodesQueued = 256;
 // Larger than any sensible request, so that an oversized field is refused by name.
 constexpr int kLargestRequest = 16 << 20;
 
@@ -31,8 +34,7 @@ constexpr int kLargestRequest = 16 << 20;
 template <typename Handle>
 Reactor* Unary(CallbackServerContext* context, Executor& executor, Handle handle) {
   Reactor* reactor = context->DefaultReactor();
-  const bool posted =
-      executor.TryPost([reactor, handle = std::move(handle)] { reactor->Finish(ToGrpc(handle())); });
+  const bool posted = executor.TryPost([reactor, handle = std::move(handle)] { reactor->Finish(ToGrpc(handle())); });
   if (!posted) reactor->Finish(ToGrpc(absl::ResourceExhaustedError("too many requests are waiting")));
   return reactor;
 }
@@ -58,9 +60,8 @@ class Tuning final : public v1::TuningService::CallbackService {
   }
 
   Reactor* GetJob(CallbackServerContext* context, const v1::GetJobRequest* request, v1::Job* out) override {
-    return ForJob(context, request->name(), [this, out](const std::string& id) {
-      return Answer(use_cases_.GetJob(id), out);
-    });
+    return ForJob(context, request->name(),
+                  [this, out](const std::string& id) { return Answer(use_cases_.GetJob(id), out); });
   }
 
   Reactor* ListJobs(CallbackServerContext* context, const v1::ListJobsRequest* request,
@@ -95,9 +96,8 @@ class Tuning final : public v1::TuningService::CallbackService {
 
   Reactor* DeleteJob(CallbackServerContext* context, const v1::DeleteJobRequest* request,
                      google::protobuf::Empty*) override {
-    return ForJob(context, request->name(), [this, request](const std::string& id) {
-      return use_cases_.DeleteJob(id, request->etag());
-    });
+    return ForJob(context, request->name(),
+                  [this, request](const std::string& id) { return use_cases_.DeleteJob(id, request->etag()); });
   }
 
   grpc::ServerWriteReactor<v1::WatchJobResponse>* WatchJob(CallbackServerContext*,
@@ -166,9 +166,11 @@ class Simulation final : public v1::SimulationService::CallbackService {
 
   Reactor* SimulateEpisode(CallbackServerContext* context, const v1::SimulateEpisodeRequest* request,
                            v1::SimulateEpisodeResponse* out) override {
-    return Unary(context, executor_, [this, request, out]() -> absl::Status {
+    return Unary(context, executor_, [this, context, request, out]() -> absl::Status {
+      const auto cancelled = [context] { return context->IsCancelled(); };
+      if (cancelled()) return absl::CancelledError("nobody waits for the episode any more");
       const auto episode = FromProto(*request);
-      return episode.ok() ? Answer(use_cases_.SimulateEpisode(*episode), out) : episode.status();
+      return episode.ok() ? Answer(use_cases_.SimulateEpisode(*episode, cancelled), out) : episode.status();
     });
   }
 
@@ -181,9 +183,10 @@ class RpcServerImpl final : public RpcServer {
  public:
   RpcServerImpl(const std::string& address, UseCases& use_cases)
       : executor_(kExecutorThreads, kMostQueued),
+        episodes_(kEpisodeThreads, kMostEpisodesQueued),
         tuning_(use_cases, executor_, watchers_),
         scenarios_(use_cases, executor_),
-        simulation_(use_cases, executor_) {
+        simulation_(use_cases, episodes_) {
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.
@@ -200,6 +203,11 @@ class RpcServerImpl final : public RpcServer {
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
     builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);
     server_ = builder.BuildAndStart();
+    if (server_ == nullptr) return;
+    for (const char* service : {v1::TuningService::service_full_name(), v1::ScenarioService::service_full_name(),
+                                v1::SimulationService::service_full_name()}) {
+      server_->GetHealthCheckService()->SetServingStatus(service, true);
+    }
     address_ = absl::StrCat(address.substr(0, address.rfind(':')), ":", port_);
   }
 
@@ -216,6 +224,7 @@ class RpcServerImpl final : public RpcServer {
  private:
   Watchers watchers_;
   Executor executor_;
+  Executor episodes_;
   Tuning tuning_;
   Scenarios scenarios_;
   Simulation simulation_;

@@ -38,7 +38,8 @@ absl::StatusOr<std::vector<std::string>> ReadPageToken(std::string_view token, s
     if (parts.size() == part_count && seal == Seal(list, parts)) return parts;
   }
   FieldErrors errors;
-  errors.Add("page_token", "empty, or the next_page_token of an answer to the same request (same parent, filter, order)",
+  errors.Add("page_token",
+             "empty, or the next_page_token of an answer to the same request (same parent, filter, order)",
              FormatReceived(token));
   return errors.ToStatus();
 }

@@ -65,8 +65,7 @@ std::string IdOfDefinition(const std::string& id) {
 absl::StatusOr<Scenario> Choose(const ScenarioChoice& choice) {
   FieldErrors errors;
   if (choice.definition.has_value() == !choice.preset_id.empty()) {
-    errors.Add("scenario", "given either by name or as a scenario_definition",
-               choice.definition ? "both" : "neither");
+    errors.Add("scenario", "given either by name or as a scenario_definition", choice.definition ? "both" : "neither");
     return errors.ToStatus();
   }
   if (!choice.definition) {
@@ -106,7 +105,8 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
   }
   FieldErrors all;
   for (const absl::Status& status : {errors.ToStatus(), scenario.status()}) {
-    for (const FieldViolation& v : FieldViolationsOf(status)) all.AddViolation({absl::StrCat("job.", v.field), v.description});
+    for (const FieldViolation& v : FieldViolationsOf(status))
+      all.AddViolation({absl::StrCat("job.", v.field), v.description});
   }
   if (!all.empty()) return all.ToStatus();
   return spec;
@@ -165,7 +165,7 @@ absl::StatusOr<JobRecord> UseCases::CreateJob(const NewJob& job, const std::stri
 absl::StatusOr<JobRecord> UseCases::GetJob(const std::string& id) { return store_.GetJob(id); }
 
 absl::StatusOr<Page<JobRecord>> UseCases::ListJobs(int page_size, const std::string& page_token,
-                                                  const std::string& filter, const std::string& order_by) {
+                                                   const std::string& filter, const std::string& order_by) {
   FieldErrors errors;
   CheckLength(errors, "filter", filter, 4096);
   CheckLength(errors, "page_token", page_token, 4096);
@@ -232,7 +232,7 @@ absl::Status UseCases::DeleteJob(const std::string& id, const std::string& etag)
 }
 
 absl::StatusOr<Page<IterationRecord>> UseCases::ListIterations(const std::string& id, int page_size,
-                                                              const std::string& page_token) {
+                                                               const std::string& page_token) {
   const auto size = PageSize(page_size, 1000, 10'000);
   if (!size.ok()) return size.status();
   const std::string list = absl::StrCat("iterations\n", id);
@@ -276,17 +276,18 @@ absl::StatusOr<Scenario> UseCases::GetScenario(const std::string& id) {
   return absl::NotFoundError(absl::StrCat("no scenario ", FormatReceived(id)));
 }
 
-absl::StatusOr<EpisodeAnswer> UseCases::SimulateEpisode(const EpisodeRequest& request) {
+absl::StatusOr<EpisodeAnswer> UseCases::SimulateEpisode(const EpisodeRequest& request,
+                                                        const std::function<bool()>& cancelled) {
   auto scenario = Choose(request.scenario);
   if (!scenario.ok()) return scenario.status();
   FieldErrors errors;
   const Gains gains = request.gains.value_or(scenario->search.initial_gains);
-  const std::string_view given = request.gains || !request.scenario.definition
-                                     ? "gains"
-                                     : "scenario_definition.hyperparameters.initial_gains";
+  const std::string_view given =
+      request.gains || !request.scenario.definition ? "gains" : "scenario_definition.hyperparameters.initial_gains";
   for (std::size_t i = 0; i < kGainCount; ++i) {
     if (!(gains[i] > 0 && gains[i] <= ArsOptions::kMaxGain)) {
-      errors.AddNumber(absl::StrCat(ToAbsl(given), ".k", i + 1), absl::StrCat("in (0, ", ArsOptions::kMaxGain, "]"), gains[i]);
+      errors.AddNumber(absl::StrCat(ToAbsl(given), ".k", i + 1), absl::StrCat("in (0, ", ArsOptions::kMaxGain, "]"),
+                       gains[i]);
     }
   }
   if (request.sample_stride < 0) errors.AddNumber("sample_stride", ">= 0 (0: 1)", request.sample_stride);
@@ -296,11 +297,12 @@ absl::StatusOr<EpisodeAnswer> UseCases::SimulateEpisode(const EpisodeRequest& re
 
   EpisodeAnswer answer{.prepared = *std::move(prepared)};
   std::vector<EpisodeSample> samples;
-  const EpisodeResult result =
-      orbitune::SimulateEpisode(answer.prepared.problem, gains,
-                                {.early_exit = request.early_exit,
-                                 .measure_effort = true,
-                                 .trajectory = request.include_trajectory ? &samples : nullptr});
+  const EpisodeResult result = orbitune::SimulateEpisode(answer.prepared.problem, gains,
+                                                         {.early_exit = request.early_exit,
+                                                          .measure_effort = true,
+                                                          .trajectory = request.include_trajectory ? &samples : nullptr,
+                                                          .cancelled = cancelled});
+  if (cancelled && cancelled()) return absl::CancelledError("nobody waits for the episode any more");
   answer.report = ToReport(result, answer.prepared);
   const auto stride = static_cast<std::size_t>(std::max(request.sample_stride, 1));
   for (std::size_t i = 0; i < samples.size(); i += stride) answer.trajectory.push_back(samples[i]);

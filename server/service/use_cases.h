@@ -80,7 +80,9 @@ class UseCases {
                                                        const std::string& page_token);
   absl::StatusOr<Page<Scenario>> ListScenarios(int page_size, const std::string& page_token);
   absl::StatusOr<Scenario> GetScenario(const std::string& id);
-  absl::StatusOr<EpisodeAnswer> SimulateEpisode(const EpisodeRequest& request);
+  // cancelled: asked now and then; once true, the answer is CANCELLED.
+  absl::StatusOr<EpisodeAnswer> SimulateEpisode(const EpisodeRequest& request,
+                                                const std::function<bool()>& cancelled = {});
 
   // For watchers: events as the hub and the store have them.
   EventHub& hub() { return hub_; }

@@ -1,0 +1,26 @@
+// Whole tuning jobs, timed: through the server with everything stored and streamed, and by the job engine alone.
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace orbitune::bench {
+
+struct JobRow {
+  std::string what;  // "server", "engine"
+  int jobs = 0;
+  int threads = 0;
+  int iterations = 0;  // of each job
+  double seconds = 0;
+  double iterations_per_s = 0;
+  double worst_reduction_percent = 0;  // of the jobs' costs: the work was really done
+};
+
+// `jobs` gto-geo jobs of other seeds at once, on a fresh database in a temporary folder, each watched over gRPC (EVERY)
+// until it ended. Checks that every iteration came once, in order, and is stored.
+JobRow RunThroughServer(int jobs, int threads, int iterations);
+
+// The same jobs by the scheduler alone: nothing stored, nobody watching.
+JobRow RunByEngine(int jobs, int threads, int iterations);
+
+}  // namespace orbitune::bench

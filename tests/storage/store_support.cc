@@ -1,0 +1,228 @@
+#include "tests/storage/store_support.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <future>
+#include <limits>
+#include <memory>
+
+#include "absl/strings/str_cat.h"
+#include "core/scenario/presets.h"
+#include "storage/serialise.h"
+
+namespace orbitune::storage_test {
+namespace {
+
+using std::string_literals::operator""s;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kTiny = std::numeric_limits<double>::denorm_min();
+
+template <typename Result, typename Call>
+Result WaitFor(const Call& call) {
+  auto answer = std::make_shared<std::promise<Result>>();
+  auto future = answer->get_future();
+  call([answer](Result result) { answer->set_value(std::move(result)); });
+  return future.get();
+}
+
+std::string DifferentRecords(std::string_view name, const std::optional<IterationRecord>& a,
+                             const std::optional<IterationRecord>& b) {
+  if (a.has_value() == b.has_value() && (!a || Identical(*a, *b))) return "";
+  return absl::StrCat(ToAbsl(name), " differs; ");
+}
+
+}  // namespace
+
+TemporaryDirectory::TemporaryDirectory() {
+  std::string name = (std::filesystem::temp_directory_path() / "orbitune-storage-XXXXXX").string();
+  path_ = mkdtemp(name.data());
+}
+
+TemporaryDirectory::~TemporaryDirectory() {
+  std::error_code ignored;
+  std::filesystem::remove_all(path_, ignored);
+}
+
+JobSpec PlainSpec(const std::string& display_name) {
+  JobSpec spec;
+  spec.display_name = display_name;
+  spec.scenario = *FindPreset("leo-rendezvous");
+  spec.initial_condition = spec.scenario.chaser;
+  return spec;
+}
+
+JobSpec OddSpec() {
+  JobSpec spec;
+  spec.display_name = "it's a \"job\"\n\t\\ \xF0\x9F\x9B\xB0 \xC3\xBC\0 after a NUL"s;
+  spec.labels = {{"", ""}, {"team", "o'rbit; DROP TABLE jobs"}, {"\xC3\xA9t\xC3\xA9", "%_\\"}};
+  Scenario& s = spec.scenario;
+  s.id = "its own";
+  s.display_name = "odd";
+  s.description = std::string(10'000, 'x');
+  s.gravitational_parameter_km3_s2 = 0.1 + 0.2;
+  s.target = EquinoctialState{
+      .p_km = 1.0 / 3, .ex = -0.0, .ey = kTiny, .hx = 1e-300, .hy = -1e300, .true_longitude_deg = 1e22};
+  s.chaser = CartesianStateKm{.x_km = kInfinity,
+                              .y_km = -kInfinity,
+                              .z_km = kNan,
+                              .x_dot_km_s = 5e-324,
+                              .y_dot_km_s = std::nextafter(1.0, 2.0),
+                              .z_dot_km_s = 1.7976931348623157e308};
+  s.sampling_period_s = std::nextafter(60.0, 0.0);
+  s.horizon_samples = std::numeric_limits<int>::max();
+  s.fuel_weight = 1e-7;
+  s.settling_distance_km = 123456789.123456789;
+  s.velocity_unit_m_s = 9007199254740993.0;
+  s.acceleration_unit_m_s2 = 0.007;
+  s.control_hold = ControlHold::kZeroOrder;
+  s.integration_tolerance = 1e-11;
+  s.search = {.iterations = -5,
+              .step_size = 0.1,
+              .exploration_scale = 0.7,
+              .directions = 3,
+              .initial_gains = {0.1, 0.2, 0.3, 1e-3, kNan},
+              .exploration_std = {-0.0, 1, 2, 3, 4},
+              .gain_floor = 2e-3,
+              .seed = std::numeric_limits<std::uint64_t>::max()};
+  spec.initial_condition = KeplerianState{.semi_major_axis_km = 7378.137,
+                                          .eccentricity = 0.1,
+                                          .inclination_deg = 81.3,
+                                          .raan_deg = -12.7,
+                                          .argument_of_periapsis_deg = 359.9,
+                                          .position = KeplerianState::Position::kTrueLongitude,
+                                          .position_deg = 45.1};
+  return spec;
+}
+
+JobReport OddReport() {
+  JobReport report;
+  report.initial = {.iteration = 1, .gains = {0.1, 1, 1, 1, 10}, .episode = {}};
+  report.initial.episode.outcome_message = "left the domain after 3.7 h";
+  report.final = {.iteration = 5000, .gains = {0.3, 1.0 / 3, -0.0, 2, 1e-3}, .episode = {}};
+  report.final.episode = {.outcome = Outcome::kSettled,
+                          .outcome_message = "",
+                          .end_time_s = 1e6 / 7,
+                          .cost = 123.456,
+                          .settling_samples = 77,
+                          .settling_time_s = 7e4 / 9,
+                          .fuel_sum = 0.1,
+                          .delta_v_to_settling_m_s = 55.5 / 3,
+                          .delta_v_horizon_m_s = kInfinity,
+                          .peak_acceleration_m_s2 = 1e-5 / 3,
+                          .initial_lyapunov = 0.2,
+                          .domain_guaranteed = true};
+  report.best = report.final;
+  report.best.iteration = 4321;
+  report.best.episode.outcome = Outcome::kNotSettled;
+  report.warnings = {{WarningKind::kPairsLeftOut, "3 \"pairs\""}, {WarningKind::kGainAtFloor, "K5 \xE2\x89\xA4 1e-3"}};
+  report.episodes = 9'007'199'254'740'993;
+  return report;
+}
+
+IterationRecord RecordOf(int iteration) {
+  IterationRecord record{
+      .iteration = iteration,
+      .gains = {0.1 + 1e-3 / iteration, std::sqrt(iteration), 1.0 / iteration, -0.0, std::log(1.0 + iteration)},
+      .outcome = static_cast<Outcome>(iteration % 2),
+      .cost = 1000.0 + 1000.0 / iteration + std::sin(iteration),
+      .settling_samples = iteration % 1280,
+      .fuel_sum = 0.1 * iteration,
+      .cost_std = std::exp(-iteration / 1000.0),
+      .pairs_left_out = iteration % 3,
+      .pairs_not_settled = iteration % 5};
+  if (iteration % 7 == 3) {
+    record.outcome = Outcome::kLeftDomain;
+    record.cost = record.fuel_sum = kNan;
+  }
+  return record;
+}
+
+IterationRecord RecordWith(int iteration, Outcome outcome, double cost) {
+  IterationRecord record = RecordOf(iteration);
+  record.outcome = outcome;
+  record.cost = cost;
+  return record;
+}
+
+StateChange ChangeTo(JobState state, TimeUs time_us, std::string message) {
+  return {.state = state, .time_us = time_us, .message = std::move(message), .report = {}};
+}
+
+absl::StatusOr<JobRecord> Create(JobStore& store, const std::string& id, const JobSpec& spec, TimeUs now,
+                                 const std::string& request_id, const std::string& digest) {
+  return WaitFor<absl::StatusOr<JobRecord>>(
+      [&](JobStore::Created done) { store.CreateJob(id, spec, now, request_id, digest, std::move(done)); });
+}
+
+absl::Status Append(JobStore& store, const std::string& id, std::int64_t seq, const IterationRecord& record) {
+  return WaitFor<absl::Status>([&](JobStore::Done done) { store.AppendIteration(id, seq, record, std::move(done)); });
+}
+
+absl::Status Change(JobStore& store, const std::string& id, std::int64_t seq, const StateChange& change) {
+  return WaitFor<absl::Status>([&](JobStore::Done done) { store.ChangeState(id, seq, change, std::move(done)); });
+}
+
+absl::Status Delete(JobStore& store, const std::string& id) {
+  return WaitFor<absl::Status>([&](JobStore::Done done) { store.DeleteJob(id, std::move(done)); });
+}
+
+void CreateWithIterations(JobStore& store, const std::string& id, int n) {
+  ASSERT_TRUE(Create(store, id).ok());
+  for (int i = 1; i <= n; ++i) {
+    store.AppendIteration(id, i + 1, RecordOf(i),
+                          [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; });
+  }
+  store.Flush();
+}
+
+std::string Difference(const JobSpec& a, const JobSpec& b) {
+  const auto a_json = ToJson(a);
+  const auto b_json = ToJson(b);
+  return a_json.ok() && b_json.ok() && *a_json == *b_json ? "" : "spec differs; ";
+}
+
+std::string Difference(const JobReport& a, const JobReport& b) {
+  return ToJson(a) == ToJson(b) ? "" : "report differs; ";
+}
+
+std::string Difference(const JobEvent& a, const JobEvent& b) {
+  if (a.seq != b.seq) return absl::StrCat("event ", a.seq, " for ", b.seq, "; ");
+  if (a.what.index() != b.what.index()) return absl::StrCat("event ", a.seq, " is of another kind; ");
+  if (const auto* record = std::get_if<IterationRecord>(&a.what)) {
+    return Identical(*record, std::get<IterationRecord>(b.what)) ? "" : absl::StrCat("event ", a.seq, " differs; ");
+  }
+  const auto& x = std::get<StateChange>(a.what);
+  const auto& y = std::get<StateChange>(b.what);
+  const bool same = x.state == y.state && x.time_us == y.time_us && x.message == y.message &&
+                    x.report.has_value() == y.report.has_value() &&
+                    (!x.report || Difference(*x.report, *y.report).empty());
+  return same ? "" : absl::StrCat("state change ", a.seq, " differs; ");
+}
+
+std::string Difference(const JobRecord& a, const JobRecord& b) {
+  std::string difference = Difference(a.spec, b.spec);
+  const auto compare = [&difference](std::string_view name, const auto& x, const auto& y) {
+    if (x != y) absl::StrAppend(&difference, ToAbsl(name), ": ", x, " for ", y, "; ");
+  };
+  compare("id", a.id, b.id);
+  compare("state", static_cast<int>(a.state), static_cast<int>(b.state));
+  compare("create_time", a.create_time_us, b.create_time_us);
+  compare("start_time", a.start_time_us, b.start_time_us);
+  compare("end_time", a.end_time_us, b.end_time_us);
+  compare("update_time", a.update_time_us, b.update_time_us);
+  compare("last_seq", a.last_seq, b.last_seq);
+  compare("state_changes", a.state_changes, b.state_changes);
+  compare("error_message", a.error_message, b.error_message);
+  compare("has report", a.report.has_value(), b.report.has_value());
+  if (a.report && b.report) difference += Difference(*a.report, *b.report);
+  difference += DifferentRecords("first", a.first, b.first);
+  difference += DifferentRecords("latest", a.latest, b.latest);
+  difference += DifferentRecords("best", a.best, b.best);
+  return difference;
+}
+
+}  // namespace orbitune::storage_test
