@@ -22,11 +22,12 @@ namespace {
 using grpc::CallbackServerContext;
 using Reactor = grpc::ServerUnaryReactor;
 
-constexpr int kExecutorThreads = 4;
-constexpr std::size_t kMostQueued = 10'000;
-// Episodes have threads of their own: a long one must not keep a list or a cancellation waiting.
-constexpr int kEpisodeThreads = 2;
-constexpr std::size_t kMostEpisodesQueued = 256;
+// Threads for what blocks, by how long it may: neither a disk that hangs nor a long episode keeps a read waiting.
+struct Executors {
+  Executor reads{4, 10'000};
+  Executor writes{4, 10'000};
+  Executor episodes{2, 256};
+};
 // Larger than any sensible request, so that an oversized field is refused by name.
 constexpr int kLargestRequest = 16 << 20;
 
@@ -48,11 +49,11 @@ absl::Status Answer(const absl::StatusOr<T>& value, Proto* out) {
 
 class Tuning final : public v1::TuningService::CallbackService {
  public:
-  Tuning(UseCases& use_cases, Executor& executor, Watchers& watchers)
-      : use_cases_(use_cases), executor_(executor), watchers_(watchers) {}
+  Tuning(UseCases& use_cases, Executors& executors, Watchers& watchers)
+      : use_cases_(use_cases), executors_(executors), watchers_(watchers) {}
 
   Reactor* CreateJob(CallbackServerContext* context, const v1::CreateJobRequest* request, v1::Job* out) override {
-    return Unary(context, executor_, [this, request, out]() -> absl::Status {
+    return Unary(context, executors_.writes, [this, request, out]() -> absl::Status {
       const auto job = FromProto(request->job());
       if (!job.ok()) return job.status();
       return Answer(use_cases_.CreateJob(*job, request->request_id(), request->validate_only()), out);
@@ -60,13 +61,13 @@ class Tuning final : public v1::TuningService::CallbackService {
   }
 
   Reactor* GetJob(CallbackServerContext* context, const v1::GetJobRequest* request, v1::Job* out) override {
-    return ForJob(context, request->name(),
+    return ForJob(context, executors_.reads, request->name(),
                   [this, out](const std::string& id) { return Answer(use_cases_.GetJob(id), out); });
   }
 
   Reactor* ListJobs(CallbackServerContext* context, const v1::ListJobsRequest* request,
                     v1::ListJobsResponse* out) override {
-    return Unary(context, executor_, [this, request, out]() -> absl::Status {
+    return Unary(context, executors_.reads, [this, request, out]() -> absl::Status {
       const auto page =
           use_cases_.ListJobs(request->page_size(), request->page_token(), request->filter(), request->order_by());
       if (!page.ok()) return page.status();
@@ -77,37 +78,37 @@ class Tuning final : public v1::TuningService::CallbackService {
   }
 
   Reactor* CancelJob(CallbackServerContext* context, const v1::CancelJobRequest* request, v1::Job* out) override {
-    return ForJob(context, request->name(), [this, request, out](const std::string& id) {
+    return ForJob(context, executors_.writes, request->name(), [this, request, out](const std::string& id) {
       return Answer(use_cases_.CancelJob(id, request->etag()), out);
     });
   }
 
   Reactor* PauseJob(CallbackServerContext* context, const v1::PauseJobRequest* request, v1::Job* out) override {
-    return ForJob(context, request->name(), [this, request, out](const std::string& id) {
+    return ForJob(context, executors_.writes, request->name(), [this, request, out](const std::string& id) {
       return Answer(use_cases_.PauseJob(id, request->etag()), out);
     });
   }
 
   Reactor* ResumeJob(CallbackServerContext* context, const v1::ResumeJobRequest* request, v1::Job* out) override {
-    return ForJob(context, request->name(), [this, request, out](const std::string& id) {
+    return ForJob(context, executors_.writes, request->name(), [this, request, out](const std::string& id) {
       return Answer(use_cases_.ResumeJob(id, request->etag()), out);
     });
   }
 
   Reactor* DeleteJob(CallbackServerContext* context, const v1::DeleteJobRequest* request,
                      google::protobuf::Empty*) override {
-    return ForJob(context, request->name(),
+    return ForJob(context, executors_.writes, request->name(),
                   [this, request](const std::string& id) { return use_cases_.DeleteJob(id, request->etag()); });
   }
 
   grpc::ServerWriteReactor<v1::WatchJobResponse>* WatchJob(CallbackServerContext*,
                                                            const v1::WatchJobRequest* request) override {
-    return StartWatch(*request, use_cases_, executor_, watchers_);
+    return StartWatch(*request, use_cases_, executors_.reads, watchers_);
   }
 
   Reactor* ListIterations(CallbackServerContext* context, const v1::ListIterationsRequest* request,
                           v1::ListIterationsResponse* out) override {
-    return Unary(context, executor_, [this, request, out]() -> absl::Status {
+    return Unary(context, executors_.reads, [this, request, out]() -> absl::Status {
       const auto id = IdFromName("jobs", request->parent(), "parent");
       if (!id.ok()) return id.status();
       const auto page = use_cases_.ListIterations(*id, request->page_size(), request->page_token());
@@ -120,15 +121,15 @@ class Tuning final : public v1::TuningService::CallbackService {
 
  private:
   template <typename Handle>
-  Reactor* ForJob(CallbackServerContext* context, const std::string& name, Handle handle) {
-    return Unary(context, executor_, [&name, handle = std::move(handle)]() -> absl::Status {
+  Reactor* ForJob(CallbackServerContext* context, Executor& executor, const std::string& name, Handle handle) {
+    return Unary(context, executor, [&name, handle = std::move(handle)]() -> absl::Status {
       const auto id = IdFromName("jobs", name, "name");
       return id.ok() ? handle(*id) : id.status();
     });
   }
 
   UseCases& use_cases_;
-  Executor& executor_;
+  Executors& executors_;
   Watchers& watchers_;
 };
 
@@ -182,11 +183,9 @@ class Simulation final : public v1::SimulationService::CallbackService {
 class RpcServerImpl final : public RpcServer {
  public:
   RpcServerImpl(const std::string& address, UseCases& use_cases)
-      : executor_(kExecutorThreads, kMostQueued),
-        episodes_(kEpisodeThreads, kMostEpisodesQueued),
-        tuning_(use_cases, executor_, watchers_),
-        scenarios_(use_cases, executor_),
-        simulation_(use_cases, episodes_) {
+      : tuning_(use_cases, executors_, watchers_),
+        scenarios_(use_cases, executors_.reads),
+        simulation_(use_cases, executors_.episodes) {
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.
@@ -223,8 +222,7 @@ class RpcServerImpl final : public RpcServer {
 
  private:
   Watchers watchers_;
-  Executor executor_;
-  Executor episodes_;
+  Executors executors_;
   Tuning tuning_;
   Scenarios scenarios_;
   Simulation simulation_;

@@ -38,7 +38,8 @@ void ShortenIfStiff(RandomEpisode& episode) {
   EpisodeProblem& problem = episode.problem;
   const double rate = FastestRate(problem, ToCanonical(episode.gains, problem.gain_units));
   constexpr double kSteps = 5'000, kStepTimesRate = 3.3;  // the explicit method's limit
-  const double samples = kSteps * kStepTimesRate / (rate * problem.sampling_period);
+  double samples = kSteps * kStepTimesRate / (rate * problem.sampling_period);
+  if (InitialLyapunov(episode) > 1) samples = 10;  // leaves the domain by then, or comes so near to it as to stay stiff
   problem.horizon_samples = static_cast<int>(std::clamp(samples, 10.0, 1.0 * problem.horizon_samples));
 }
 

@@ -58,7 +58,7 @@ struct RandomEpisode {
 // By turns: gto-geo, leo-rendezvous and elliptic targets, each with an initial condition and gains drawn for it, and
 // now and then gto-geo-printed. The horizon is the scenario's own, unless the gains make the loop so stiff that it
 // would take more than some 5,000 steps. Gains that put V(0) far above what keeps a loop inside the domain are drawn
-// for every eighth episode only: near the edge they cost a hundred times the work of the others.
+// for every eighth episode only, and get ten samples: near the edge they cost a hundred times the work of the others.
 RandomEpisode DrawEpisode(int number);
 
 // task(0) .. task(n - 1), on two threads.

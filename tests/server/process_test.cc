@@ -254,10 +254,13 @@ TEST_F(ProcessTest, SigtermKeepsAJobForTheNextStart) {
     const int before = client.Get(name).completed_iterations();
     client.WaitForIterations(name, before + 3);
     Watch watch(client, name, -1);
-    EXPECT_EQ(server->Terminate(signal), 0);
-    EXPECT_THAT(server->process().out(), HasSubstr("unfinished jobs go on at the next start"));
+    v1::WatchJobResponse snapshot;
+    ASSERT_TRUE(watch.Read(&snapshot));  // the server knows this watcher
     grpc::Status status;
-    watch.ReadAll(&status);
+    std::thread reader([&] { watch.ReadAll(&status); });
+    EXPECT_EQ(server->Terminate(signal), 0);
+    reader.join();
+    EXPECT_THAT(server->process().out(), HasSubstr("unfinished jobs go on at the next start"));
     EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAVAILABLE) << status.error_message();
   }
   const auto server = Start("data");
