@@ -150,7 +150,7 @@ TEST(BatchSimulatorTargets, ThoseWithAFusedMultiplyAddGiveTheSameBits) {
   for (const auto& results : fused) {
     for (std::size_t i = 0; i < drawn.size(); ++i) ExpectSameBits(results[i], fused[0][i], static_cast<int>(i));
   }
-  // Where nothing can be fused the difference is one of rounding (docs/adr/0005-bits.md).
+  // Where nothing can be fused the difference is one of rounding (docs/adr/0002-floating-point.md).
   for (std::size_t i = 0; !fused.empty() && i < drawn.size(); ++i) {
     ASSERT_EQ(baseline[i].outcome, fused[0][i].outcome) << i;
     if (!HasCost(baseline[i].outcome)) continue;
