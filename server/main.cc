@@ -47,8 +47,8 @@ int Serve(const ServerConfig& config) {
   auto server = RpcServer::Start(config.listen, use_cases);
   if (!server.ok()) return Fail(server.status());
 
-  std::printf("orbituned " ORBITUNE_VERSION "\ngrpc %s\ndata %s\nthreads %d, %s\n",
-              (*server)->address().c_str(), database.c_str(), config.threads, simd::TargetInUse().c_str());
+  std::printf("orbituned " ORBITUNE_VERSION "\ngrpc %s\ndata %s\nthreads %d, %s\n", (*server)->address().c_str(),
+              database.c_str(), config.threads, simd::TargetInUse().c_str());
   std::fflush(stdout);
 
   int signal = 0;

@@ -16,11 +16,11 @@ struct JobFilter {
     std::string value;
     bool negated = false;  // matches jobs without the key, too
   };
-  std::vector<JobState> states;                      // any of; empty: every state
-  std::vector<JobState> not_states;                  // none of
-  std::vector<std::string> scenario_ids;             // any of; empty: every one
-  std::vector<std::string> not_scenario_ids;         // none of
-  std::vector<Label> labels;                         // all of
+  std::vector<JobState> states;               // any of; empty: every state
+  std::vector<JobState> not_states;           // none of
+  std::vector<std::string> scenario_ids;      // any of; empty: every one
+  std::vector<std::string> not_scenario_ids;  // none of
+  std::vector<Label> labels;                  // all of
 };
 
 // Jobs come in a total order: the key, then the id. A page begins behind the last job of the one before.
@@ -39,7 +39,8 @@ struct JobQuery {
 
 // Thread-safe. Callbacks run on the writer's thread, in the order of the calls, and must not block or call back into
 // a write that waits. A write that fails for want of a working disk is tried again until it succeeds or the store is
-// closed (then: UNAVAILABLE, and only the next store opened can tell whether it is on disk); `ok_for_now()` tells which.
+// closed (then: UNAVAILABLE, and only the next store opened can tell whether it is on disk); `ok_for_now()` tells
+// which.
 class JobStore {
  public:
   using Done = std::function<void(absl::Status)>;
