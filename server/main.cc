@@ -4,8 +4,11 @@
 
 #include <chrono>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
+#include <thread>
 
+#include "absl/strings/str_cat.h"
 #include "core/simd/lane_kernel.h"
 #include "server/config/config.h"
 #include "server/rpc/server.h"
@@ -27,6 +30,33 @@ sigset_t BlockSignals() {
 int Fail(const absl::Status& status) {
   std::fprintf(stderr, "orbituned: %s\n", std::string(status.message()).c_str());
   return 1;
+}
+
+// Until a signal comes, health follows the disk.
+int ServeUntilSignal(const sigset_t& signals, const JobStore& store, RpcServer& server) {
+  bool serving = true;
+  while (true) {
+    constexpr timespec kPeriod{.tv_sec = 1, .tv_nsec = 0};
+    const int signal = sigtimedwait(&signals, nullptr, &kPeriod);
+    if (signal > 0) return signal;
+    const absl::Status disk = store.ok_for_now();
+    if (disk.ok() == serving) continue;
+    serving = disk.ok();
+    server.SetServing(serving);
+    std::fprintf(stderr, "orbituned: %s\n",
+                 serving ? "the disk is back; jobs go on"
+                         : absl::StrCat("jobs wait for the disk: ", std::string(disk.message())).c_str());
+  }
+}
+
+// A disk that hangs, or an episode of minutes, must not hold a stop up. Ending at once loses nothing that a client was
+// told, as a crash would not.
+void EndInAnyCase() {
+  std::thread([] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(4500));
+    std::fprintf(stderr, "orbituned: something holds the stop up; ending at once\n");
+    std::_Exit(0);
+  }).detach();
 }
 
 int Serve(const ServerConfig& config) {
@@ -51,10 +81,10 @@ int Serve(const ServerConfig& config) {
               database.c_str(), config.threads, simd::TargetInUse().c_str());
   std::fflush(stdout);
 
-  int signal = 0;
-  sigwait(&signals, &signal);
+  const int signal = ServeUntilSignal(signals, **store, **server);
   std::printf("%s: stopping; unfinished jobs go on at the next start\n", signal == SIGINT ? "SIGINT" : "SIGTERM");
   std::fflush(stdout);
+  EndInAnyCase();
   (*server)->Shutdown(std::chrono::milliseconds(2000));
   scheduler.Stop();
   return 0;

@@ -10,6 +10,9 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
+// Of an angle in degrees, and of the inclination vector: beyond, nothing meaningful is left of a sine or a square.
+constexpr double kLargest = 1e6;
+
 struct NamedValue {
   std::string_view field;
   double value;
@@ -23,6 +26,16 @@ absl::Status RequireFinite(std::initializer_list<NamedValue> values) {
   return errors.ToStatus();
 }
 
+absl::Status RequireModerate(std::initializer_list<NamedValue> values) {
+  FieldErrors errors;
+  for (const auto& [field, value] : values) {
+    if (!(std::abs(value) <= kLargest)) {
+      errors.AddNumber(field, absl::StrCat("a finite number in [", -kLargest, ", ", kLargest, "]"), value);
+    }
+  }
+  return errors.ToStatus();
+}
+
 absl::StatusOr<EquinoctialElements> ResolveForm(const std::monostate&, double) {
   FieldErrors errors;
   errors.Add("form", "one of keplerian, equinoctial, cartesian", "none");
@@ -31,12 +44,12 @@ absl::StatusOr<EquinoctialElements> ResolveForm(const std::monostate&, double) {
 
 absl::StatusOr<EquinoctialElements> ResolveForm(const KeplerianState& s, double) {
   FieldErrors errors;
-  errors.Merge(
-      "keplerian",
-      RequireFinite({{"raan_deg", s.raan_deg},
-                     {"argument_of_periapsis_deg", s.argument_of_periapsis_deg},
-                     {s.position == KeplerianState::Position::kTrueAnomaly ? "true_anomaly_deg" : "true_longitude_deg",
-                      s.position_deg}}));
+  errors.Merge("keplerian",
+               RequireModerate(
+                   {{"raan_deg", s.raan_deg},
+                    {"argument_of_periapsis_deg", s.argument_of_periapsis_deg},
+                    {s.position == KeplerianState::Position::kTrueAnomaly ? "true_anomaly_deg" : "true_longitude_deg",
+                     s.position_deg}}));
   if (!(std::isfinite(s.semi_major_axis_km) && s.semi_major_axis_km > 0)) {
     errors.AddNumber("keplerian.semi_major_axis_km", "> 0 and finite", s.semi_major_axis_km);
   }
@@ -63,7 +76,7 @@ absl::StatusOr<EquinoctialElements> ResolveForm(const EquinoctialState& s, doubl
   FieldErrors errors;
   errors.Merge(
       "equinoctial",
-      RequireFinite(
+      RequireModerate(
           {{"ex", s.ex}, {"ey", s.ey}, {"hx", s.hx}, {"hy", s.hy}, {"true_longitude_deg", s.true_longitude_deg}}));
   if (!(std::isfinite(s.p_km) && s.p_km > 0)) errors.AddNumber("equinoctial.p_km", "> 0 and finite", s.p_km);
   const double e = std::hypot(s.ex, s.ey);

@@ -20,6 +20,25 @@ void CheckNotNegative(FieldErrors& errors, std::string_view field, double value,
   }
 }
 
+// In canonical time, radians of the target's mean motion: beyond, a phase has no digits left that mean anything.
+constexpr double kLongestHorizon = 1e5;
+// Far beyond any mission, and short of where products of the error coordinates overflow.
+constexpr double kLargestSizeRatio = 1e6;
+
+absl::Status CheckRepresentable(const EquinoctialElements& chaser, const EquinoctialElements& target,
+                                std::string_view field) {
+  FieldErrors errors;
+  const auto check = [&](std::string_view what, double value, double low, double high) {
+    if (value >= low && value <= high) return;
+    errors.Add(field, absl::StrCat("such that its ", ToAbsl(what), " is in [", low, ", ", high, "]"),
+               FormatNumber(value));
+  };
+  check("semi-parameter over the target's", chaser.p / target.p, 1 / kLargestSizeRatio, kLargestSizeRatio);
+  check("tan(i/2)", std::hypot(chaser.hx, chaser.hy), 0, kLargestSizeRatio);
+  check("target's tan(i/2)", std::hypot(target.hx, target.hy), 0, kLargestSizeRatio);
+  return errors.ToStatus();
+}
+
 double OrDefault(double value, double default_value) { return value > 0 ? value : default_value; }
 
 }  // namespace
@@ -34,8 +53,8 @@ absl::Status Scenario::Validate() const {
   if (horizon_samples < 1 || horizon_samples > kMaxHorizonSamples) {
     errors.AddNumber("horizon_samples", absl::StrCat("in [1, ", kMaxHorizonSamples, "]"), horizon_samples);
   }
-  if (!(std::isfinite(fuel_weight) && fuel_weight >= 0)) {
-    errors.AddNumber("fuel_weight", ">= 0 and finite", fuel_weight);
+  if (!(fuel_weight >= 0 && fuel_weight <= kMaxFuelWeight)) {
+    errors.AddNumber("fuel_weight", absl::StrCat("in [0, ", kMaxFuelWeight, "]"), fuel_weight);
   }
   CheckPositive(errors, "settling_distance_km", settling_distance_km);
   CheckNotNegative(errors, "velocity_unit_m_s", velocity_unit_m_s, "sqrt(mu / p_target)");
@@ -57,6 +76,9 @@ absl::StatusOr<PreparedScenario> Prepare(const Scenario& scenario, const OrbitSt
     return errors.ToStatus();
   }
   const EquinoctialElements target = *Resolve(scenario.target, mu);
+  if (absl::Status status = CheckRepresentable(*chaser, target, own ? "chaser" : "initial_condition"); !status.ok()) {
+    return status;
+  }
 
   PreparedScenario prepared;
   const CanonicalUnits& units = prepared.units = CanonicalUnitsOf(mu, target.p);
@@ -72,6 +94,12 @@ absl::StatusOr<PreparedScenario> Prepare(const Scenario& scenario, const OrbitSt
                         .acceleration = prepared.acceleration_unit_m_s2 / units.acceleration_m_s2()};
   problem.sampling_period = scenario.sampling_period_s / units.time_s;
   problem.horizon_samples = scenario.horizon_samples;
+  if (!(problem.sampling_period * problem.horizon_samples <= kLongestHorizon)) {
+    return InvalidField("sampling_period_s",
+                        absl::StrCat("such that the horizon is at most ", kLongestHorizon,
+                                     " target radians of mean motion, about ", kLongestHorizon / 6, " orbits"),
+                        scenario.sampling_period_s);
+  }
   problem.fuel_weight = scenario.fuel_weight;
   problem.settling_distance = scenario.settling_distance_km / target.p;
   problem.hold = scenario.control_hold;

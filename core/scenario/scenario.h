@@ -28,6 +28,7 @@ struct Scenario {
   ArsOptions search;
 
   static constexpr int kMaxHorizonSamples = 100'000;
+  static constexpr double kMaxFuelWeight = 1e9;
 
   // OK, or INVALID_ARGUMENT with every field that is missing or out of range.
   absl::Status Validate() const;

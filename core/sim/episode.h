@@ -13,7 +13,7 @@ namespace orbitune {
 inline constexpr double kDefaultIntegrationTolerance = 1e-9;
 // Attempts at a step before an episode counts as a numerical failure: far more than any tolerance allowed needs, but an
 // end.
-constexpr int MaxStepAttempts(int horizon_samples) { return 100'000 + 1000 * horizon_samples; }
+constexpr int MaxStepAttempts(int horizon_samples) { return 200'000 + 300 * horizon_samples; }
 
 enum class ControlHold { kContinuous, kZeroOrder };
 

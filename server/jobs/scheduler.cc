@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdio>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
@@ -287,7 +288,11 @@ void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<Ite
     entry.pairs_left_out += record->pairs_left_out;
     ++entry.uncommitted;
     store_.AppendIteration(job.id, seq, *record, [this, self, id = job.id, seq, r = *record](const absl::Status& s) {
-      if (s.ok()) hub_.Publish(id, {.seq = seq, .what = r});
+      if (s.ok()) {
+        hub_.Publish(id, {.seq = seq, .what = r});
+      } else {
+        Refused(self, s);
+      }
       Committed(self);
     });
   }
@@ -311,6 +316,19 @@ void Scheduler::Committed(const EntryPtr& entry) {
   work_.notify_all();
 }
 
+// A write that the store will never take: the job is let go of, as it is on disk, and taken up by the next start.
+void Scheduler::Refused(const EntryPtr& entry, const absl::Status& status) {
+  if (absl::IsUnavailable(status)) return;  // the store is being closed
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(entry->record.id);
+  if (found == entries_.end() || found->second != entry) return;
+  std::fprintf(stderr, "orbituned: jobs/%s: a write was refused, it is let go of until the next start: %s\n",
+               entry->record.id.c_str(), std::string(status.message()).c_str());
+  RemoveFromRing(*entry);
+  entry->run.reset();
+  entries_.erase(found);
+}
+
 // mutex_ held; the entry is in the right lists already.
 void Scheduler::ChangeState(Entry& entry, StateChange change, Done done) {
   JobRecord& job = entry.record;
@@ -325,7 +343,12 @@ void Scheduler::ChangeState(Entry& entry, StateChange change, Done done) {
   const std::int64_t seq = ++job.last_seq;
   if (job.state != JobState::kRunning) entry.run.reset();
   store_.ChangeState(job.id, seq, change, [this, job, change, done = std::move(done)](const absl::Status& status) {
-    if (status.ok()) hub_.Publish(job.id, {.seq = job.last_seq, .what = change});
+    if (status.ok()) {
+      hub_.Publish(job.id, {.seq = job.last_seq, .what = change});
+    } else if (!absl::IsUnavailable(status)) {
+      std::fprintf(stderr, "orbituned: jobs/%s: a change of state was refused: %s\n", job.id.c_str(),
+                   std::string(status.message()).c_str());
+    }
     if (IsTerminal(job.state)) hub_.Forget(job.id);
     if (done) status.ok() ? done(job) : done(status);
   });
@@ -345,7 +368,9 @@ void Scheduler::Transition(const std::string& id, const std::string& etag, std::
     if (!ended.ok()) return done(ended.status());
     // Stored, but its creator has yet to add it.
     if (!IsTerminal(ended->state)) {
-      return done(absl::UnavailableError(absl::StrCat("jobs/", id, " is being created; try again")));
+      return done(absl::UnavailableError(absl::StrCat("jobs/", id,
+                                                      " is being created, or was let go of after a write that was "
+                                                      "refused (the server's log says why); try again")));
     }
     return done(WrongState(id, ended->state, action, needed));
   }

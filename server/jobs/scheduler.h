@@ -82,6 +82,7 @@ class Scheduler {
   void Transition(const std::string& id, const std::string& etag, std::string_view action, std::string_view needed,
                   const std::function<bool(JobState)>& allowed, JobState to, Done done);
   void Committed(const EntryPtr& entry);
+  void Refused(const EntryPtr& entry, const absl::Status& status);
 
   JobStore& store_;
   EventHub& hub_;

@@ -203,15 +203,20 @@ class RpcServerImpl final : public RpcServer {
     builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);
     server_ = builder.BuildAndStart();
     if (server_ == nullptr) return;
-    for (const char* service : {v1::TuningService::service_full_name(), v1::ScenarioService::service_full_name(),
-                                v1::SimulationService::service_full_name()}) {
-      server_->GetHealthCheckService()->SetServingStatus(service, true);
-    }
+    SetServing(true);
     address_ = absl::StrCat(address.substr(0, address.rfind(':')), ":", port_);
   }
 
   bool listening() const { return server_ != nullptr && port_ != 0; }
   const std::string& address() const override { return address_; }
+
+  void SetServing(bool serving) override {
+    server_->GetHealthCheckService()->SetServingStatus(serving);  // of the server as a whole
+    for (const char* service : {v1::TuningService::service_full_name(), v1::ScenarioService::service_full_name(),
+                                v1::SimulationService::service_full_name()}) {
+      server_->GetHealthCheckService()->SetServingStatus(service, serving);
+    }
+  }
 
   void Shutdown(std::chrono::milliseconds grace) override {
     server_->GetHealthCheckService()->Shutdown();

@@ -19,6 +19,9 @@ class RpcServer {
   // HOST:PORT as listened on.
   virtual const std::string& address() const = 0;
 
+  // What health checking answers, until Shutdown.
+  virtual void SetServing(bool serving) = 0;
+
   // Health says NOT_SERVING, watchers are ended with UNAVAILABLE, calls in flight get `grace`, and it is over.
   virtual void Shutdown(std::chrono::milliseconds grace) = 0;
 };

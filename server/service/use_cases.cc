@@ -100,8 +100,11 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
       errors.AddViolation(
           {absl::StrCat(of_definition ? "scenario_definition." : "", "hyperparameters.", v.field), v.description});
     }
-    const auto chaser = Resolve(spec.initial_condition, spec.scenario.gravitational_parameter_km3_s2);
-    errors.Merge("initial_condition", chaser.status());
+    const absl::Status prepared = Prepare(spec.scenario, spec.initial_condition).status();
+    for (const FieldViolation& v : FieldViolationsOf(prepared)) {
+      const bool of_start = v.field.starts_with("initial_condition");
+      errors.AddViolation({absl::StrCat(of_start ? "" : "scenario_definition.", v.field), v.description});
+    }
   }
   FieldErrors all;
   for (const absl::Status& status : {errors.ToStatus(), scenario.status()}) {
@@ -148,6 +151,7 @@ absl::StatusOr<JobRecord> UseCases::CreateJob(const NewJob& job, const std::stri
   auto spec = Resolve(job);
   if (!spec.ok()) return spec.status();
   if (validate_only) return JobRecord{.spec = *std::move(spec), .create_time_us = NowUs()};
+  if (absl::Status status = store_.ok_for_now(); !status.ok()) return status;
   const std::string id = NewId();
   const auto digest = ToJson(*spec);
   if (!digest.ok()) return digest.status();
@@ -201,6 +205,7 @@ absl::StatusOr<Page<JobRecord>> UseCases::ListJobs(int page_size, const std::str
 }
 
 absl::StatusOr<JobRecord> UseCases::Await(Transition transition, const std::string& id, const std::string& etag) {
+  if (absl::Status status = store_.ok_for_now(); !status.ok()) return status;
   std::promise<absl::StatusOr<JobRecord>> changed;
   (scheduler_.*transition)(id, etag,
                            [&changed](absl::StatusOr<JobRecord> record) { changed.set_value(std::move(record)); });
@@ -226,6 +231,7 @@ absl::Status UseCases::DeleteJob(const std::string& id, const std::string& etag)
     return WrongState(id, record->state, "delete", "SUCCEEDED, FAILED or CANCELLED (cancel it first)");
   }
   if (absl::Status status = CheckEtag(*record, etag); !status.ok()) return status;
+  if (absl::Status status = store_.ok_for_now(); !status.ok()) return status;
   std::promise<absl::Status> deleted;
   store_.DeleteJob(id, [&deleted](absl::Status status) { deleted.set_value(std::move(status)); });
   return deleted.get_future().get();

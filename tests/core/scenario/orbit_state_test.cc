@@ -78,7 +78,7 @@ TEST(ResolveTest, ErrorsNameTheFieldAsTheUserKnowsIt) {
   ExpectRefused(k, "keplerian.inclination_deg", "must be in [0, 180)");
   k = Geostationary();
   k.raan_deg = kNan;
-  ExpectRefused(k, "keplerian.raan_deg", "must be a finite number, got nan");
+  ExpectRefused(k, "keplerian.raan_deg", "must be a finite number in [-1e+06, 1e+06], got nan");
   k = Geostationary();
   k.position_deg = kNan;
   ExpectRefused(k, "keplerian.true_anomaly_deg", "must be a finite number");

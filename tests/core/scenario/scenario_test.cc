@@ -58,7 +58,7 @@ INSTANTIATE_TEST_SUITE_P(
                       BadField{"LongHorizon", [](Scenario& s) { s.horizon_samples = 100'001; }, "horizon_samples",
                                "must be in [1, 100000], got 100001"},
                       BadField{"FuelWeight", [](Scenario& s) { s.fuel_weight = -1; }, "fuel_weight",
-                               "must be >= 0 and finite, got -1"},
+                               "must be in [0, 1e+09], got -1"},
                       BadField{"SettlingDistance", [](Scenario& s) { s.settling_distance_km = kNan; },
                                "settling_distance_km", "must be > 0 and finite, got nan"},
                       BadField{"VelocityUnit", [](Scenario& s) { s.velocity_unit_m_s = -1; }, "velocity_unit_m_s",
