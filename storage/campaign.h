@@ -30,22 +30,24 @@ struct MemberId {
 
 // One K for all tuned initial conditions, found by a job over the whole set.
 struct RobustTuning {
-  ArsOptions search;
+  SearchOptions search;
   Objective objective;
 };
 
-// Where further initial conditions come from: draw `number` of a stream is a function of (distribution, seed, stream,
-// number), so that a campaign extended is the longer one.
+// Where initial conditions were drawn (core/scenario/distribution.h). A campaign extended goes on behind the last draw,
+// and so is the longer one.
 struct InitialConditionDraws {
   IcDistribution distribution;
   std::uint64_t seed = 0;
+  int count = 0;  // so far, from index 0
 };
 
 // Everything that a campaign's members follow from, the initial conditions excepted: those are the members' own.
 struct CampaignSpec {
   std::string display_name;
   std::map<std::string, std::string> labels;
-  Scenario scenario;  // its search: that of tuned member 1; member n has the seed of it + n - 1
+  Scenario scenario;       // its search: that of tuned member 1; member n has the seed of it + n - 1
+  std::string warm_start;  // as JobSpec's
   std::optional<InitialConditionDraws> draws;           // of the tuned; none: they were listed
   std::optional<InitialConditionDraws> held_out_draws;  // of the held-out
   bool tune_held_out = false;                           // each by a job of its own, to compare with
@@ -75,13 +77,13 @@ struct MemberEpisode {
 };
 
 // Of the numbers compared; all NaN where there are none.
-struct Spread {
+struct ReductionStatistics {
   double average = kUnset;
   double minimum = kUnset;
   double maximum = kUnset;
-  std::array<double, 5> percentiles{kUnset, kUnset, kUnset, kUnset, kUnset};  // of kSpreadPercentiles
+  std::array<double, 5> percentiles{kUnset, kUnset, kUnset, kUnset, kUnset};  // of kPercentiles
 };
-inline constexpr std::array<double, 5> kSpreadPercentiles{5, 25, 50, 75, 95};
+inline constexpr std::array<double, 5> kPercentiles{5, 25, 50, 75, 95};
 
 // One choice over the tuned, or over the held-out, initial conditions. Reductions are in percent of the value under
 // K(1), positive is less, over those that have a cost under both.
@@ -93,10 +95,10 @@ struct GainsComparison {
   int not_settled = 0;   // within the horizon; they have a cost, and are compared
   int without_cost = 0;  // left the domain or failed
   int compared = 0;
-  Spread cost_percent;
-  Spread settling_time_percent;
-  Spread fuel_sum_percent;
-  Spread delta_v_percent;  // all NaN where it was not measured
+  ReductionStatistics cost_percent;
+  ReductionStatistics settling_time_percent;
+  ReductionStatistics fuel_sum_percent;
+  ReductionStatistics delta_v_percent;  // all NaN where it was not measured
 };
 
 struct CampaignResults {

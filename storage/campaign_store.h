@@ -28,6 +28,7 @@ struct NewCampaign {
 struct CampaignExtension {
   std::string id;
   std::int64_t seq = 0;  // the campaign's last one + 1
+  CampaignSpec spec;  // as it is from now on
   std::vector<NewMember> members;
   CampaignStateChange change;  // to kRunning
   std::string request_id;
@@ -37,7 +38,9 @@ struct CampaignExtension {
 // What was written, or, for a request id that was seen before, what an earlier call with it wrote.
 struct WrittenCampaign {
   CampaignRecord record;
-  std::vector<JobRecord> new_jobs;  // in the order of the members; empty: an earlier call created them
+  // In the order of the members; empty: an earlier call created them.
+  std::vector<JobRecord> new_jobs;
+  std::vector<std::pair<std::string, MemberId>> new_members;  // by their jobs' ids
 };
 
 struct CampaignEnd {
@@ -82,6 +85,11 @@ class CampaignStore {
   // Removes the campaign, its members and their jobs. FAILED_PRECONDITION (reason CAMPAIGN_STATE), and nothing is
   // removed, where one of the jobs has not ended.
   virtual void DeleteCampaign(const std::string& id, Done done) = 0;
+
+  // The campaign that an earlier call with this request id wrote to; none: it is free (an empty one always). Errors as
+  // CreateCampaign's for another digest.
+  virtual absl::StatusOr<std::optional<CampaignRecord>> FindRequest(const std::string& request_id,
+                                                                    const std::string& request_digest) const = 0;
 
   // NOT_FOUND if there is none.
   virtual absl::StatusOr<CampaignRecord> GetCampaign(const std::string& id) const = 0;

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"
-#include "storage/serialise_campaign.h"
+#include "storage/serialise.h"
 
 namespace orbitune {
 namespace {
@@ -138,6 +138,21 @@ absl::StatusOr<CampaignRecord> ReadCampaign(Connection& connection, const std::s
   if (!records.ok()) return records.status();
   if (records->empty()) return CampaignNotFound(id);
   return std::move(records->front());
+}
+
+absl::StatusOr<std::optional<CampaignRecord>> ReadRequest(Connection& connection, const std::string& request_id,
+                                                          const std::string& request_digest) {
+  if (request_id.empty()) return std::nullopt;
+  auto statement = connection.Prepare("SELECT campaign, digest FROM campaign_requests WHERE request_id = ?");
+  if (!statement.ok()) return statement.status();
+  const absl::StatusOr<bool> row = statement->Bind(request_id).Step();
+  if (!row.ok()) return row.status();
+  if (!*row) return std::nullopt;
+  const std::string earlier = statement->Text(0);
+  if (statement->Text(1) == request_digest) return ReadCampaign(connection, earlier);
+  return WithReason(absl::AlreadyExistsError(absl::StrCat("request id ", FormatReceived(request_id),
+                                                          " was used for another request, on campaign ", earlier)),
+                    "REQUEST_ID_REUSED");
 }
 
 absl::StatusOr<std::vector<CampaignRecord>> ReadCampaigns(Connection& connection, const CampaignQuery& query) {

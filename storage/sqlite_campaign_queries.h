@@ -16,6 +16,10 @@ absl::Status CampaignNotFound(const std::string& id);
 // With its results, if it has them.
 absl::StatusOr<CampaignRecord> ReadCampaign(Connection& connection, const std::string& id);
 
+// As CampaignStore::FindRequest.
+absl::StatusOr<std::optional<CampaignRecord>> ReadRequest(Connection& connection, const std::string& request_id,
+                                                          const std::string& request_digest);
+
 // As CampaignStore::ListCampaigns, ListUnfinishedCampaigns, ListMembers and ListCampaignEvents.
 absl::StatusOr<std::vector<CampaignRecord>> ReadCampaigns(Connection& connection, const CampaignQuery& query);
 absl::StatusOr<std::vector<CampaignRecord>> ReadUnfinishedCampaigns(Connection& connection);

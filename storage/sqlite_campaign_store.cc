@@ -2,29 +2,32 @@
 
 #include <utility>
 
-#include "storage/serialise_campaign.h"
+#include "storage/serialise.h"
 #include "storage/sqlite_campaign_queries.h"
 #include "storage/sqlite_campaign_tables.h"
 
 namespace orbitune {
 namespace {
 
-absl::StatusOr<std::vector<MemberRow>> RowsOf(std::vector<NewMember> members) {
-  std::vector<MemberRow> rows;
-  rows.reserve(members.size());
+absl::StatusOr<CampaignDocuments> DocumentsOf(const CampaignSpec& spec, std::vector<NewMember> members) {
+  CampaignDocuments documents;
+  absl::StatusOr<std::string> spec_json = ToJson(spec);
+  if (!spec_json.ok()) return spec_json.status();
+  documents.spec_json = *std::move(spec_json);
+  documents.members.reserve(members.size());
   for (NewMember& member : members) {
     MemberRow row;
     if (member.job) {
-      absl::StatusOr<std::string> spec = ToJson(*member.job);
-      if (!spec.ok()) return spec.status();
-      row.job_spec_json = *std::move(spec);
+      absl::StatusOr<std::string> job_spec = ToJson(*member.job);
+      if (!job_spec.ok()) return job_spec.status();
+      row.job_spec_json = *std::move(job_spec);
     }
     const OrbitState& state = member.member.initial_condition;
     if (!std::holds_alternative<std::monostate>(state)) row.initial_condition_json = ToJson(state);
     row.member = std::move(member);
-    rows.push_back(std::move(row));
+    documents.members.push_back(std::move(row));
   }
-  return rows;
+  return documents;
 }
 
 }  // namespace
@@ -59,20 +62,19 @@ void SqliteCampaignStore::Refuse(const absl::Status& fault, Written done) {
 }
 
 void SqliteCampaignStore::CreateCampaign(NewCampaign campaign, Written done) {
-  auto spec = ToJson(campaign.spec);
-  auto rows = RowsOf(std::move(campaign.members));
-  if (!spec.ok() || !rows.ok()) return Refuse(spec.ok() ? rows.status() : spec.status(), std::move(done));
-  const auto shared = std::make_shared<const std::pair<NewCampaign, CampaignDocuments>>(
-      std::move(campaign), CampaignDocuments{*std::move(spec), *std::move(rows)});
+  auto documents = DocumentsOf(campaign.spec, std::move(campaign.members));
+  if (!documents.ok()) return Refuse(documents.status(), std::move(done));
+  const auto shared = std::make_shared<const std::pair<NewCampaign, CampaignDocuments>>(std::move(campaign),
+                                                                                        *std::move(documents));
   QueueWritten([shared](CampaignTables& tables) { return tables.CreateCampaign(shared->first, shared->second); },
                std::move(done));
 }
 
 void SqliteCampaignStore::ExtendCampaign(CampaignExtension extension, Written done) {
-  auto rows = RowsOf(std::move(extension.members));
-  if (!rows.ok()) return Refuse(rows.status(), std::move(done));
-  const auto shared = std::make_shared<const std::pair<CampaignExtension, std::vector<MemberRow>>>(
-      std::move(extension), *std::move(rows));
+  auto documents = DocumentsOf(extension.spec, std::move(extension.members));
+  if (!documents.ok()) return Refuse(documents.status(), std::move(done));
+  const auto shared = std::make_shared<const std::pair<CampaignExtension, CampaignDocuments>>(std::move(extension),
+                                                                                              *std::move(documents));
   QueueWritten([shared](CampaignTables& tables) { return tables.ExtendCampaign(shared->first, shared->second); },
                std::move(done));
 }
@@ -105,6 +107,11 @@ void SqliteCampaignStore::EndCampaign(const std::string& id, std::int64_t seq, C
 
 void SqliteCampaignStore::DeleteCampaign(const std::string& id, Done done) {
   Queue([id](CampaignTables& tables) { return tables.DeleteCampaign(id); }, std::move(done));
+}
+
+absl::StatusOr<std::optional<CampaignRecord>> SqliteCampaignStore::FindRequest(
+    const std::string& request_id, const std::string& request_digest) const {
+  return readers_.Run([&](Connection& connection) { return ReadRequest(connection, request_id, request_digest); });
 }
 
 absl::StatusOr<CampaignRecord> SqliteCampaignStore::GetCampaign(const std::string& id) const {

@@ -21,6 +21,8 @@ class SqliteCampaignStore final : public CampaignStore {
   void EndCampaign(const std::string& id, std::int64_t seq, CampaignEnd end, Done done) override;
   void DeleteCampaign(const std::string& id, Done done) override;
 
+  absl::StatusOr<std::optional<CampaignRecord>> FindRequest(const std::string& request_id,
+                                                            const std::string& request_digest) const override;
   absl::StatusOr<CampaignRecord> GetCampaign(const std::string& id) const override;
   absl::StatusOr<std::vector<CampaignRecord>> ListCampaigns(const CampaignQuery& query) const override;
   absl::StatusOr<std::vector<CampaignRecord>> ListUnfinishedCampaigns() const override;

@@ -1,7 +1,7 @@
 #include "storage/sqlite_campaign_tables.h"
 
 #include "absl/strings/str_cat.h"
-#include "storage/serialise_campaign.h"
+#include "storage/serialise.h"
 #include "storage/sqlite_campaign_queries.h"
 
 namespace orbitune {
@@ -24,24 +24,6 @@ absl::Status CampaignTables::CheckNextSeq(const std::string& id, std::int64_t se
                                           statement->Int(0)));
 }
 
-absl::StatusOr<std::optional<CampaignRecord>> CampaignTables::FindByRequest(const std::string& request_id,
-                                                                            const std::string& request_digest) {
-  if (request_id.empty()) return std::nullopt;
-  auto statement = connection_.Prepare("SELECT campaign, digest FROM campaign_requests WHERE request_id = ?");
-  if (!statement.ok()) return statement.status();
-  const absl::StatusOr<bool> row = statement->Bind(request_id).Step();
-  if (!row.ok()) return row.status();
-  if (!*row) return std::nullopt;
-  const std::string earlier = statement->Text(0);
-  if (statement->Text(1) != request_digest) {
-    return WithReason(absl::AlreadyExistsError(absl::StrCat("request id ", FormatReceived(request_id),
-                                                            " was used for another request, for campaign ", earlier)),
-                      "REQUEST_ID_REUSED");
-  }
-  if (absl::Status status = jobs_.WriteProgress(); !status.ok()) return status;
-  return ReadCampaign(connection_, earlier);
-}
-
 absl::Status CampaignTables::InsertRequest(const std::string& request_id, const std::string& request_digest,
                                            const std::string& id) {
   if (request_id.empty()) return absl::OkStatus();
@@ -49,34 +31,33 @@ absl::Status CampaignTables::InsertRequest(const std::string& request_id, const 
                          request_digest, id);
 }
 
-// Runs `write`, which gives the new jobs; what it wrote is taken back if it fails.
+// Runs `write`, which fills in the new jobs; what it wrote is taken back if it fails.
 template <typename Write>
 absl::StatusOr<WrittenCampaign> CampaignTables::AllOrNothing(const std::string& id, const Write& write) {
   if (absl::Status status = connection_.Run("SAVEPOINT campaign"); !status.ok()) return status;
-  absl::StatusOr<std::vector<JobRecord>> jobs = write();
-  if (!jobs.ok()) {
-    const std::int64_t failures = connection_.failures();
-    (void)connection_.Run("ROLLBACK TO campaign");
-    (void)connection_.Run("RELEASE campaign");
-    return connection_.failures() == failures ? jobs.status() : absl::InternalError("a savepoint was lost");
-  }
-  if (absl::Status status = connection_.Run("RELEASE campaign"); !status.ok()) return status;
+  WrittenCampaign written;
+  absl::Status status = write(written);
+  if (!status.ok()) (void)connection_.Run("ROLLBACK TO campaign");
+  const absl::Status released = connection_.Run("RELEASE campaign");
+  if (status.ok()) status = released;
+  if (!status.ok()) return status;
   absl::StatusOr<CampaignRecord> record = ReadCampaign(connection_, id);
   if (!record.ok()) return record.status();
-  return WrittenCampaign{*std::move(record), *std::move(jobs)};
+  written.record = *std::move(record);
+  return written;
 }
 
 absl::StatusOr<WrittenCampaign> CampaignTables::CreateCampaign(const NewCampaign& campaign,
                                                                const CampaignDocuments& documents) {
-  absl::StatusOr<std::optional<CampaignRecord>> earlier =
-      FindByRequest(campaign.request_id, campaign.request_digest);
+  if (absl::Status status = jobs_.WriteProgress(); !status.ok()) return status;
+  auto earlier = ReadRequest(connection_, campaign.request_id, campaign.request_digest);
   if (!earlier.ok()) return earlier.status();
-  if (*earlier) return WrittenCampaign{**std::move(earlier), {}};
-  return AllOrNothing(campaign.id, [&]() -> absl::StatusOr<std::vector<JobRecord>> {
+  if (*earlier) return WrittenCampaign{.record = **std::move(earlier)};
+  return AllOrNothing(campaign.id, [&](WrittenCampaign& written) {
     absl::Status status = InsertCampaign(campaign, documents.spec_json);
     if (status.ok()) status = InsertRequest(campaign.request_id, campaign.request_digest, campaign.id);
-    if (!status.ok()) return status;
-    return InsertMembers(campaign.id, campaign.time_us, documents.members);
+    if (status.ok()) status = InsertMembers(campaign.id, campaign.time_us, documents.members, written);
+    return status;
   });
 }
 
@@ -90,12 +71,13 @@ absl::Status CampaignTables::InsertCampaign(const NewCampaign& campaign, const s
   return InsertStateChange(campaign.id, 1, {.time_us = campaign.time_us, .message = {}, .results = {}});
 }
 
-absl::StatusOr<std::vector<JobRecord>> CampaignTables::InsertMembers(const std::string& id, TimeUs time_us,
-                                                                     const std::vector<MemberRow>& members) {
-  std::vector<JobRecord> jobs;
+absl::Status CampaignTables::InsertMembers(const std::string& id, TimeUs time_us,
+                                           const std::vector<MemberRow>& members, WrittenCampaign& written) {
   for (const MemberRow& row : members) {
     const CampaignMember& member = row.member.member;
+    std::optional<std::string> job_id;
     if (row.member.job) {
+      job_id = member.job_id;
       auto job = jobs_.CreateJob({.id = member.job_id,
                                   .spec = *row.member.job,
                                   .spec_json = row.job_spec_json,
@@ -103,33 +85,35 @@ absl::StatusOr<std::vector<JobRecord>> CampaignTables::InsertMembers(const std::
                                   .request_id = {},
                                   .request_digest = {}});
       if (!job.ok()) return job.status();
-      jobs.push_back(*std::move(job));
+      written.new_jobs.push_back(*std::move(job));
+      written.new_members.emplace_back(member.job_id, member.id);
     }
-    const std::optional<std::string> job_id = row.member.job ? std::optional(member.job_id) : std::nullopt;
     absl::Status status = connection_.Run(
         "INSERT INTO campaign_members (campaign, role, number, initial_condition, job) "
         "VALUES (?, ?, ?, ?, (SELECT key FROM jobs WHERE id = ?))",
         id, static_cast<int>(member.id.role), member.id.number, row.initial_condition_json, job_id);
     if (!status.ok()) return status;
   }
-  return jobs;
+  return absl::OkStatus();
 }
 
 absl::StatusOr<WrittenCampaign> CampaignTables::ExtendCampaign(const CampaignExtension& extension,
-                                                               const std::vector<MemberRow>& members) {
-  absl::StatusOr<std::optional<CampaignRecord>> earlier =
-      FindByRequest(extension.request_id, extension.request_digest);
+                                                               const CampaignDocuments& documents) {
+  auto earlier = ReadRequest(connection_, extension.request_id, extension.request_digest);
   if (!earlier.ok()) return earlier.status();
-  if (*earlier) return WrittenCampaign{**std::move(earlier), {}};
+  if (*earlier) return WrittenCampaign{.record = **std::move(earlier)};
   if (absl::Status status = CheckNextSeq(extension.id, extension.seq); !status.ok()) return status;
-  return AllOrNothing(extension.id, [&]() -> absl::StatusOr<std::vector<JobRecord>> {
+  return AllOrNothing(extension.id, [&](WrittenCampaign& written) {
     absl::Status status = InsertRequest(extension.request_id, extension.request_digest, extension.id);
     if (status.ok()) status = ChangeState(extension.id, extension.seq, extension.change, std::nullopt);
     if (status.ok()) {
+      status = connection_.Run("UPDATE campaigns SET spec = ? WHERE id = ?", documents.spec_json, extension.id);
+    }
+    if (status.ok()) {
       status = connection_.Run("UPDATE campaign_members SET episodes = NULL WHERE campaign = ?", extension.id);
     }
-    if (!status.ok()) return status;
-    return InsertMembers(extension.id, extension.change.time_us, members);
+    if (status.ok()) status = InsertMembers(extension.id, extension.change.time_us, documents.members, written);
+    return status;
   });
 }
 

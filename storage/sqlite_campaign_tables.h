@@ -31,7 +31,7 @@ class CampaignTables {
   // As CampaignStore's methods of these names.
   absl::StatusOr<WrittenCampaign> CreateCampaign(const NewCampaign& campaign, const CampaignDocuments& documents);
   absl::StatusOr<WrittenCampaign> ExtendCampaign(const CampaignExtension& extension,
-                                                 const std::vector<MemberRow>& members);
+                                                 const CampaignDocuments& documents);
   absl::Status AppendMemberEnded(const std::string& id, std::int64_t seq, const MemberEnded& ended);
   absl::Status ChangeState(const std::string& id, std::int64_t seq, const CampaignStateChange& change,
                            const std::optional<std::string>& results_json);
@@ -40,12 +40,10 @@ class CampaignTables {
 
  private:
   absl::Status CheckNextSeq(const std::string& id, std::int64_t seq);
-  absl::StatusOr<std::optional<CampaignRecord>> FindByRequest(const std::string& request_id,
-                                                              const std::string& request_digest);
   absl::Status InsertRequest(const std::string& request_id, const std::string& request_digest, const std::string& id);
   absl::Status InsertCampaign(const NewCampaign& campaign, const std::string& spec_json);
-  absl::StatusOr<std::vector<JobRecord>> InsertMembers(const std::string& id, TimeUs time_us,
-                                                       const std::vector<MemberRow>& members);
+  absl::Status InsertMembers(const std::string& id, TimeUs time_us, const std::vector<MemberRow>& members,
+                             WrittenCampaign& written);
   absl::Status InsertStateChange(const std::string& id, std::int64_t seq, const CampaignStateChange& change);
   template <typename Write>
   absl::StatusOr<WrittenCampaign> AllOrNothing(const std::string& id, const Write& write);

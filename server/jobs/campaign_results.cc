@@ -36,17 +36,6 @@ std::string_view TitleOf(GainsChoice choice) {
   return "";
 }
 
-MemberEpisode EpisodeOf(GainsChoice choice, const GainsAssessment& assessed) {
-  const EpisodeReport& e = assessed.episode;
-  MemberEpisode episode{.choice = choice, .gains = assessed.gains, .outcome = e.outcome};
-  if (!HasCost(e.outcome)) return episode;
-  episode.cost = e.cost;
-  episode.settling_samples = e.settling_samples;
-  episode.fuel_sum = e.fuel_sum;
-  episode.delta_v_to_settling_m_s = e.delta_v_to_settling_m_s;
-  return episode;
-}
-
 const MemberEpisode* Find(const CampaignMember& member, GainsChoice choice) {
   const auto found = std::ranges::find(member.episodes, choice, &MemberEpisode::choice);
   return found == member.episodes.end() ? nullptr : &*found;
@@ -162,10 +151,10 @@ GainsComparison Compare(GainsChoice choice, MemberRole over, std::span<const Cam
     AddReduction(fuel, before->fuel_sum, after->fuel_sum);
     AddReduction(delta_v, before->delta_v_to_settling_m_s, after->delta_v_to_settling_m_s);
   }
-  comparison.cost_percent = SpreadOf(std::move(cost));
-  comparison.settling_time_percent = SpreadOf(std::move(settling));
-  comparison.fuel_sum_percent = SpreadOf(std::move(fuel));
-  comparison.delta_v_percent = SpreadOf(std::move(delta_v));
+  comparison.cost_percent = StatisticsOf(std::move(cost));
+  comparison.settling_time_percent = StatisticsOf(std::move(settling));
+  comparison.fuel_sum_percent = StatisticsOf(std::move(fuel));
+  comparison.delta_v_percent = StatisticsOf(std::move(delta_v));
   return comparison;
 }
 
@@ -245,8 +234,8 @@ std::optional<Gains> RobustGains(std::span<const EndedMember> members) {
 
 }  // namespace
 
-Spread SpreadOf(std::vector<double> values) {
-  Spread spread;
+ReductionStatistics StatisticsOf(std::vector<double> values) {
+  ReductionStatistics spread;
   if (values.empty()) return spread;
   double sum = 0;
   for (const double value : values) sum += value;
@@ -254,8 +243,8 @@ Spread SpreadOf(std::vector<double> values) {
   std::ranges::sort(values);
   spread.minimum = values.front();
   spread.maximum = values.back();
-  for (std::size_t i = 0; i < kSpreadPercentiles.size(); ++i) {
-    const double rank = static_cast<double>(values.size() - 1) * kSpreadPercentiles[i] / 100;
+  for (std::size_t i = 0; i < kPercentiles.size(); ++i) {
+    const double rank = static_cast<double>(values.size() - 1) * kPercentiles[i] / 100;
     const auto below = static_cast<std::size_t>(rank);
     const std::size_t above = std::min(below + 1, values.size() - 1);
     spread.percentiles[i] = values[below] + (rank - static_cast<double>(below)) * (values[above] - values[below]);
@@ -271,6 +260,17 @@ Gains MeanGains(std::span<const Gains> gains) {
   }
   for (double& k : mean) k /= static_cast<double>(gains.size());
   return mean;
+}
+
+MemberEpisode ToMemberEpisode(GainsChoice choice, const GainsAssessment& assessed) {
+  const EpisodeReport& e = assessed.episode;
+  MemberEpisode episode{.choice = choice, .gains = assessed.gains, .outcome = e.outcome};
+  if (!HasCost(e.outcome)) return episode;
+  episode.cost = e.cost;
+  episode.settling_samples = e.settling_samples;
+  episode.fuel_sum = e.fuel_sum;
+  episode.delta_v_to_settling_m_s = e.delta_v_to_settling_m_s;
+  return episode;
 }
 
 const GainsAssessment& TunedGains(const JobReport& report, Algorithm algorithm) {
@@ -314,9 +314,9 @@ absl::StatusOr<CampaignOutcome> CompareGains(const CampaignSpec& spec, std::span
   for (std::size_t i = 0; i < outcome.members.size(); ++i) {
     CampaignMember& member = outcome.members[i];
     if (const JobReport* const report = reports[i]; report != nullptr) {
-      member.episodes.push_back(EpisodeOf(GainsChoice::kInitial, report->initial));
-      member.episodes.push_back(EpisodeOf(GainsChoice::kTuned, TunedGains(*report, algorithm)));
-      member.episodes.push_back(EpisodeOf(GainsChoice::kBest, report->best));
+      member.episodes.push_back(ToMemberEpisode(GainsChoice::kInitial, report->initial));
+      member.episodes.push_back(ToMemberEpisode(GainsChoice::kTuned, TunedGains(*report, algorithm)));
+      member.episodes.push_back(ToMemberEpisode(GainsChoice::kBest, report->best));
     } else {
       flights.Add(GainsChoice::kInitial, spec.scenario.search.initial_gains, prepared[i], member);
     }

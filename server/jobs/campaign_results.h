@@ -23,13 +23,16 @@ struct CampaignOutcome {
 };
 
 // Percentiles by linear interpolation between the order statistics: p at rank (n - 1) p / 100, counted from 0.
-Spread SpreadOf(std::vector<double> values);
+ReductionStatistics StatisticsOf(std::vector<double> values);
 
 // The arithmetic mean, added up in order; gains not empty.
 Gains MeanGains(std::span<const Gains> gains);
 
 // The gains that a job is taken to have found, K*: the paper's K(M) with ARS, else its best.
 const GainsAssessment& TunedGains(const JobReport& report, Algorithm algorithm);
+
+// What a job's report says of some gains.
+MemberEpisode ToMemberEpisode(GainsChoice choice, const GainsAssessment& assessed);
 
 // members: all of the campaign's, in order. Flies the episodes on the calling thread, some 10 to 500 us each; once
 // `cancelled` says so the answer is CANCELLED. FAILED_PRECONDITION where no tuned member's job succeeded, with why.
