@@ -81,6 +81,19 @@ CREATE TABLE deleted_jobs (
 ) STRICT;
 )sql";
 
+// Searches whose state the newest iteration does not tell. All jobs of version 1 are ARS, of 2N + 1 episodes each.
+constexpr std::string_view kVersion2 = R"sql(
+CREATE TABLE checkpoints (
+  job     INTEGER PRIMARY KEY REFERENCES jobs (key) ON DELETE CASCADE,  -- one that has not ended
+  doubles BLOB NOT NULL  -- the search before the newest iteration: doubles, little-endian
+) STRICT;
+
+ALTER TABLE iterations ADD COLUMN episodes INTEGER NOT NULL DEFAULT 0;  -- flown up to and with this one
+UPDATE iterations SET episodes = iteration * coalesce(
+  (SELECT 2 * json_extract(spec, '$.scenario.search.directions') + 1 FROM job_documents
+   WHERE job_documents.job = iterations.job), 0);
+)sql";
+
 // The indexes on jobs are made anew because lists leave the jobs of campaigns out.
 constexpr std::string_view kVersion4 = R"sql(
 ALTER TABLE jobs ADD COLUMN campaign TEXT;  -- campaigns.id, where the job is part of one
@@ -136,7 +149,7 @@ CREATE TABLE campaign_requests (
 ) STRICT, WITHOUT ROWID;
 )sql";
 
-constexpr std::array kMigrations{kVersion1, kVersion4};
+constexpr std::array kMigrations{kVersion1, kVersion2, kVersion4};
 
 absl::StatusOr<bool> IsEmpty(Connection& connection) {
   const auto objects = connection.QueryInt("SELECT count(*) FROM sqlite_schema");
