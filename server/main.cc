@@ -77,8 +77,12 @@ int Serve(const ServerConfig& config) {
   EventHub hub;
   Scheduler scheduler(**store, hub, {.threads = config.threads, .max_running_jobs = config.max_running_jobs});
   UseCases use_cases(**store, scheduler, hub);
-  if (absl::Status status = scheduler.Start(); !status.ok()) return Fail(status);
-  Api api(use_cases);
+  CampaignEngine campaigns(**store, (*store)->campaigns(), scheduler, hub);
+  CampaignUseCases campaign_use_cases(use_cases, (*store)->campaigns(), campaigns);
+  absl::Status started = scheduler.Start();
+  if (started.ok()) started = campaigns.Start();
+  if (!started.ok()) return Fail(started);
+  Api api(use_cases, campaign_use_cases);
   auto server = RpcServer::Start(config.listen, api);
   if (!server.ok()) return Fail(server.status());
 
@@ -91,6 +95,7 @@ int Serve(const ServerConfig& config) {
   std::fflush(stdout);
   EndInAnyCase();
   (*server)->Shutdown(std::chrono::milliseconds(2000));
+  campaigns.Stop();
   scheduler.Stop();
   return 0;
 }

@@ -5,9 +5,13 @@
 
 namespace orbitune {
 
-Api::Api(UseCases& use_cases)
-    : tuning_({use_cases, executors_, messages_, feeds_}), scenarios_(use_cases), simulation_(use_cases) {
+Api::Api(UseCases& use_cases, CampaignUseCases& campaigns)
+    : tuning_({use_cases, executors_, messages_, feeds_}),
+      campaigns_({campaigns, executors_, feeds_}),
+      scenarios_(use_cases),
+      simulation_(use_cases) {
   tuning_.AddTo(methods_);
+  campaigns_.AddTo(methods_);
   scenarios_.AddTo(methods_);
   simulation_.AddTo(methods_);
 }

@@ -75,10 +75,13 @@ std::string EtagOf(const CampaignRecord& record) { return absl::StrCat(record.id
 
 // An unfinished campaign, as of the newest event queued at the store. Guarded by mutex_, but for what is atomic.
 struct CampaignEngine::Entry {
+  explicit Entry(const CampaignRecord& record)
+      : id(record.id), state(record.state), last_seq(record.last_seq), state_changes(record.state_changes) {}
+
   const std::string id;
-  CampaignState state = CampaignState::kRunning;
-  std::int64_t last_seq = 0;
-  std::int64_t state_changes = 0;
+  CampaignState state;
+  std::int64_t last_seq;
+  std::int64_t state_changes;
   std::map<std::string, MemberId> jobs;  // that have not ended
   std::atomic<bool> unwanted = false;    // nobody waits for its comparison any more
   TimeUs last_progress_us = 0;
@@ -190,11 +193,8 @@ void CampaignEngine::Stop() {
 // mutex_ held.
 void CampaignEngine::AddEntry(const CampaignRecord& record,
                               const std::vector<std::pair<std::string, MemberId>>& jobs) {
-  auto entry = std::make_shared<Entry>(Entry{.id = record.id,
-                                             .state = record.state,
-                                             .last_seq = record.last_seq,
-                                             .state_changes = record.state_changes,
-                                             .jobs = {jobs.begin(), jobs.end()}});
+  auto entry = std::make_shared<Entry>(record);
+  entry->jobs.insert(jobs.begin(), jobs.end());
   entries_[record.id] = entry;
   for (const auto& [job_id, member] : jobs) by_job_[job_id] = entry;
 }
@@ -329,7 +329,7 @@ void CampaignEngine::Begin(const WrittenCampaign& written) {
 
 absl::StatusOr<CampaignRecord> CampaignEngine::Extend(const std::string& id, const std::string& etag,
                                                       const std::string& request_id,
-                                                      const std::string& request_digest, const Extend_& extend) {
+                                                      const std::string& request_digest, const MakeExtension& make) {
   const std::lock_guard transition(transitions_);
   auto earlier = store_.FindRequest(request_id, request_digest);
   if (!earlier.ok()) return earlier.status();
@@ -340,7 +340,7 @@ absl::StatusOr<CampaignRecord> CampaignEngine::Extend(const std::string& id, con
     return WrongCampaignState(id, record->state, "extend", "SUCCEEDED or FAILED");
   }
   if (absl::Status status = CheckCampaignEtag(id, record->state_changes, etag); !status.ok()) return status;
-  auto extension = extend(*record);
+  auto extension = make(*record);
   if (!extension.ok()) return extension.status();
   extension->id = id;
   extension->seq = record->last_seq + 1;

@@ -46,7 +46,7 @@ class CampaignEngine {
   CampaignEngine(JobStore& jobs, CampaignStore& store, Scheduler& scheduler, EventHub& hub);
   CampaignEngine(const CampaignEngine&) = delete;
   CampaignEngine& operator=(const CampaignEngine&) = delete;
-  ~CampaignEngine();  // stops
+  ~CampaignEngine();  // stops; the scheduler must have stopped before
 
   // Takes up every unfinished campaign; to be called when the scheduler has started. Errors: the stores'.
   absl::Status Start();
@@ -57,11 +57,12 @@ class CampaignEngine {
   // The campaign created, or the one that an earlier call with the same request id created. Errors: the store's.
   absl::StatusOr<CampaignRecord> Create(NewCampaign campaign);
 
-  // What `extend` adds to the campaign, given as it is: members, and why in the change's message. The rest of the
-  // extension is filled in here. FAILED_PRECONDITION unless it has SUCCEEDED or FAILED; ABORTED for another etag.
-  using Extend_ = std::function<absl::StatusOr<CampaignExtension>(const CampaignRecord&)>;
+  // What is to be added to a campaign, given as it is: its spec from now on, members, and the change's message.
+  using MakeExtension = std::function<absl::StatusOr<CampaignExtension>(const CampaignRecord&)>;
+  // FAILED_PRECONDITION unless it has SUCCEEDED or FAILED; ABORTED for another etag. A request id seen before: as
+  // Create's.
   absl::StatusOr<CampaignRecord> Extend(const std::string& id, const std::string& etag, const std::string& request_id,
-                                        const std::string& request_digest, const Extend_& extend);
+                                        const std::string& request_digest, const MakeExtension& make);
 
   // etag: empty, or the campaign's (else ABORTED). NOT_FOUND; FAILED_PRECONDITION where the state does not allow it.
   absl::StatusOr<CampaignRecord> Pause(const std::string& id, const std::string& etag);

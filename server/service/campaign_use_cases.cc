@@ -4,6 +4,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "server/jobs/campaign_results.h"
 #include "server/service/page_token.h"
 #include "storage/serialise.h"
 

@@ -144,8 +144,10 @@ JobRow RunThroughServer(int jobs, int threads, int iterations) {
     EventHub hub;
     Scheduler scheduler(**store, hub, {.threads = threads});
     UseCases use_cases(**store, scheduler, hub);
+    CampaignEngine campaigns(**store, (*store)->campaigns(), scheduler, hub);
+    CampaignUseCases campaign_use_cases(use_cases, (*store)->campaigns(), campaigns);
     ORBITUNE_CHECK(scheduler.Start().ok());
-    Api api(use_cases);
+    Api api(use_cases, campaign_use_cases);
     auto server = RpcServer::Start("127.0.0.1:0", api);
     ORBITUNE_CHECK(server.ok());
     const auto stub =
