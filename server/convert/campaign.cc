@@ -63,7 +63,7 @@ void ToProto(const CampaignStateChange& change, v1::CampaignStateChange* out) {
 void ToProto(const MemberEpisode& episode, const MemberView& view, v1::MemberEpisode* out) {
   out->set_choice(FromOrder<v1::GainsChoice>(episode.choice));
   orbitune::ToProto(episode.gains, out->mutable_gains());
-  out->set_outcome(orbitune::ToProto(episode.outcome));
+  out->set_outcome(FromOrder<v1::Outcome>(episode.outcome));
   if (!HasCost(episode.outcome)) return;
   out->set_cost(episode.cost);
   out->set_settling_samples(episode.settling_samples);
