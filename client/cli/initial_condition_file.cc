@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 #include "client/cli/campaign_csv.h"
 #include "client/cli/files.h"
 #include "client/cli/initial_condition.h"

@@ -15,6 +15,7 @@
 #include <sstream>
 #include <thread>
 
+#include "orbitune/v1/campaign.grpc.pb.h"
 #include "tests/server/engine_support.h"
 #include "tests/server/rpc_support.h"
 
@@ -300,6 +301,76 @@ TEST_F(ProcessTest, AWatcherThatResumesSeesEachEventOnce) {
       EXPECT_EQ(client.Get(name).last_seq(), last_seq);
     }
   }
+}
+
+// A campaign's members with all that came of them, less the names of its jobs.
+std::string CampaignStory(v1::CampaignService::Stub& campaigns, Client& client, const std::string& name) {
+  v1::ListCampaignMembersRequest request;
+  request.set_parent(name);
+  v1::ListCampaignMembersResponse members;
+  grpc::ClientContext context;
+  EXPECT_TRUE(campaigns.ListCampaignMembers(&context, request, &members).ok());
+  std::string story;
+  for (v1::CampaignMember& member : *members.mutable_members()) {
+    if (!member.job().empty()) story += client.Iterations(member.job()).SerializeAsString();
+    member.clear_job();
+    story += member.SerializeAsString();
+  }
+  return story;
+}
+
+TEST_F(ProcessTest, KillsDoNotShowInACampaign) {
+  std::vector<std::string> stories;
+  std::vector<std::string> results;
+  for (const std::vector<int>& kills : {std::vector<int>{}, {30, 900, 2500}}) {
+    std::string name;
+    std::int64_t seen = 0;
+    for (std::size_t run = 0; run <= kills.size(); ++run) {
+      const auto server = Start(kills.empty() ? "unbroken" : "killed");
+      Client client(server->address());
+      const auto campaigns = v1::CampaignService::NewStub(client.channel());
+      if (name.empty()) {
+        v1::CreateCampaignRequest request;
+        v1::Campaign& campaign = *request.mutable_campaign();
+        *campaign.mutable_scenario_definition() = SmallDefinition(600);
+        campaign.mutable_initial_conditions()->mutable_draw()->set_count(6);
+        campaign.mutable_held_out()->mutable_draw()->set_count(3);
+        campaign.mutable_robust()->mutable_hyperparameters()->set_max_episodes(2000);
+        v1::Campaign created;
+        grpc::ClientContext context;
+        const grpc::Status status = campaigns->CreateCampaign(&context, request, &created);
+        ASSERT_TRUE(status.ok()) << status.error_message();
+        name = created.name();
+      }
+      v1::WatchCampaignRequest watch;
+      watch.set_name(name);
+      watch.set_resume_after_seq(seen);
+      grpc::ClientContext context;
+      const auto reader = campaigns->WatchCampaign(&context, watch);
+      v1::WatchCampaignResponse message;
+      bool killed = false;
+      while (reader->Read(&message)) {
+        if (message.has_snapshot()) continue;
+        if (!message.has_progress()) {
+          ASSERT_EQ(message.seq(), ++seen);
+        } else if (run < kills.size() && !killed &&
+                   message.progress().tuned().completed_iterations() >= kills[run]) {
+          server->KillHard();
+          killed = true;
+        }
+      }
+      const grpc::Status status = reader->Finish();
+      if (killed) continue;
+      ASSERT_TRUE(status.ok()) << status.error_message();
+      ASSERT_EQ(message.state_change().state(), v1::CAMPAIGN_STATE_SUCCEEDED);
+      results.push_back(message.state_change().results().SerializeAsString());
+      stories.push_back(CampaignStory(*campaigns, client, name));
+      break;
+    }
+  }
+  ASSERT_EQ(stories.size(), 2u);
+  EXPECT_TRUE(stories[0] == stories[1]);
+  EXPECT_TRUE(results[0] == results[1]);
 }
 
 TEST_F(ProcessTest, ASecondServerOnTheSameDataIsRefused) {
