@@ -49,7 +49,8 @@ svg .k4 { stroke: var(--k4); } svg .k5 { stroke: var(--k5); }
 div.scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; margin: .5rem 0 1rem; }
 th, td { padding: .2rem .6rem; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; padding-left: 0; }
+th:first-child, td:first-child, table.plain td { text-align: left; }
+th:first-child, td:first-child { padding-left: 0; }
 thead th { color: var(--soft); font-weight: 600; }
 tr { break-inside: avoid; }
 pre { font-size: .82rem; overflow-x: auto; }
@@ -81,7 +82,7 @@ class Page {
   }
 
   void Table(const std::vector<std::string>& titles, const std::vector<std::vector<std::string>>& rows) {
-    html_ += "<div class=\"scroll\"><table>\n";
+    absl::StrAppend(&html_, "<div class=\"scroll\"><table", titles.empty() ? " class=\"plain\"" : "", ">\n");
     if (!titles.empty()) absl::StrAppend(&html_, "<thead>", Row(titles, "th"), "</thead>\n");
     html_ += "<tbody>\n";
     for (const auto& row : rows) html_ += Row(row, "td");
@@ -237,7 +238,7 @@ void AddSearchFigures(const JobPageData& data, Page& page) {
     best.points.push_back({x, std::isinf(least) ? std::nan("") : least});
   }
   cost.log_y = greatest > kLogarithmicFrom * least;
-  cost.series = {costs, best};
+  cost.series = {best, costs};
   page.Heading("The search");
   page.Figure(gains, "The gains K over the iterations.");
   page.Figure(cost, "The cost J over the iterations.");
@@ -296,8 +297,8 @@ void AddReductions(const v1::CampaignResults& results, v1::MemberRole over, cons
   if (reductions.empty()) return;
   page.Heading(title);
   page.Paragraph("Reductions in percent of the value under K(1).", "soft");
-  page.Table({"", "settled", "cost: average", "min", "max", "settling time: average", "min", "max", "fuel: average",
-              "min", "max", "delta-v: average"},
+  page.Table({"", "settled", "cost: avg", "min", "max", "settling: avg", "min", "max", "fuel: avg", "min", "max",
+              "delta-v: avg"},
              reductions);
   page.Table({"cost, percentiles", "5", "25", "50", "75", "95"}, percentiles);
 }

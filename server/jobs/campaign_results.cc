@@ -168,13 +168,14 @@ bool DoesBetter(const GainsComparison& a, const GainsComparison& b) {
 bool NeedsNoTuning(GainsChoice choice) { return choice != GainsChoice::kTuned && choice != GainsChoice::kBest; }
 
 std::string Settles(const GainsComparison& c) {
-  if (c.settled == c.flown) return "settles on all";
-  return absl::StrCat("does not settle on ", c.flown - c.settled, " of ", c.flown);
+  if (c.settled == c.flown) return "and all settle";
+  return absl::StrCat("and the chaser does not settle on ", c.flown - c.settled, " of ", c.flown);
 }
 
 std::string Describe(const GainsComparison& c) {
-  return absl::StrFormat("%s: cost %.1f %% less than under K(1) on average, %.1f %% at worst, %s", TitleOf(c.choice),
-                         c.cost_percent.average, c.cost_percent.minimum, Settles(c));
+  if (c.compared == 0) return absl::StrFormat("under %s nothing can be compared, %s", TitleOf(c.choice), Settles(c));
+  return absl::StrFormat("under %s the cost is %.1f %% less than under K(1) on average, %.1f %% less at worst, %s",
+                         TitleOf(c.choice), c.cost_percent.average, c.cost_percent.minimum, Settles(c));
 }
 
 std::string DescribeComparisons(const CampaignResults& results, int held_out) {
@@ -184,8 +185,7 @@ std::string DescribeComparisons(const CampaignResults& results, int held_out) {
           ? absl::StrFormat("On the %d held-out initial conditions %s does best", held_out,
                             TitleOf(*results.best_on_held_out))
           : "No initial conditions were held out, so how these gains do on new ones is not known. On the tuned ones";
-  std::string separator = ". ";
-  if (held_out == 0) separator = ": ";
+  std::string separator = ": ";
   for (const GainsComparison& c : results.comparisons) {
     if (c.over != over || c.choice == GainsChoice::kInitial || c.choice == GainsChoice::kBest) continue;
     absl::StrAppend(&text, separator, Describe(c));

@@ -214,7 +214,8 @@ TEST_P(CampaignStoreConformance, ListsTheNewestFirstInPagesAndByState) {
   ASSERT_TRUE(Change("b", 2, {.state = CampaignState::kPaused, .time_us = 10}).ok());
   const auto ids = [&](const CampaignQuery& query) {
     std::vector<std::string> found;
-    for (const CampaignRecord& record : *campaigns().ListCampaigns(query)) found.push_back(record.id);
+    const auto listed = campaigns().ListCampaigns(query);
+    for (const CampaignRecord& record : *listed) found.push_back(record.id);
     return found;
   };
   EXPECT_THAT(ids({}), ElementsAre("c", "b", "a"));
