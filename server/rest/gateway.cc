@@ -105,7 +105,8 @@ Gateway::Reply Gateway::Fixed(const HttpRequest&, const Target& target) const {
 absl::Status Gateway::CheckOrigin(const HttpRequest& request) const {
   const std::string_view host = request.header("Host");
   const auto is_hosts = [host](const std::string& origin) { return EqualNoCase(HostOf(origin), host); };
-  if (options_.local_hosts_only && !IsLocalhostOrAddress(host) &&
+  // Every browser says which host it means.
+  if (options_.local_hosts_only && !host.empty() && !IsLocalhostOrAddress(host) &&
       std::ranges::none_of(options_.cors_origins, is_hosts)) {
     return absl::PermissionDeniedError(
         absl::StrCat("this server is not ", FormatReceived(host), ": it is called localhost, or by its address"));

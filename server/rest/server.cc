@@ -186,6 +186,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     bool sse;
     bool chunked;
     std::shared_ptr<Slot<Chunk>> slot;
+    std::string peer;  // HOST:PORT
   };
 
   // One request and its reply. False if the connection is to be closed.
@@ -218,6 +219,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   net::awaitable<error_code> Read(Parser& parser) {
+    if (core_.draining) co_return http::error::end_of_stream;
     if (buffer_.size() == 0) {
       idle_ = true;
       stream_.expires_after(core_.options.idle_time);
@@ -338,7 +340,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
     Stream stream{.feed = reply.feed,
                   .sse = reply.sse,
                   .chunked = version >= 11,
-                  .slot = std::make_shared<Slot<Chunk>>(core_.io)};
+                  .slot = std::make_shared<Slot<Chunk>>(core_.io),
+                  .peer = Peer()};
     AskFeed(stream);
     co_await stream.slot->WaitUntil(Clock::time_point::max());
     Chunk first = stream.slot->Take();
@@ -430,7 +433,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
       error = e;
     }
     if (error == beast::error::timeout) {
-      core_.Log(absl::StrCat("cut off ", Peer(), " at ", target, ": it did not take what it asked for within ",
+      core_.Log(absl::StrCat("cut off ", stream.peer, " at ", target, ": it did not take what it asked for within ",
                              core_.options.stall_time.count(), " ms"));
     }
     co_return !error;
@@ -463,7 +466,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   std::string Peer() {
     error_code error;
     const tcp::endpoint endpoint = stream_.socket().remote_endpoint(error);
-    return error ? "a watcher" : absl::StrCat(endpoint.address().to_string(), ":", endpoint.port());
+    return error ? "?" : absl::StrCat(endpoint.address().to_string(), ":", endpoint.port());
   }
 
   Core& core_;

@@ -45,11 +45,9 @@ std::pair<Message*, const FieldDescriptor*> Resolve(Message* message, const std:
   }
 }
 
-// A value as JSON has it in a document: a word where it is a number, true or false, and quoted elsewhere.
-std::string ToJsonValue(const FieldDescriptor* field, const std::string& value) {
-  const bool is_bool = field->cpp_type() == FieldDescriptor::CPPTYPE_BOOL;
-  if (is_bool && (value == "true" || value == "false")) return value;
-  return QuoteJson(value);
+// json_util takes yes, t and 1 for true, too.
+bool IsNoBool(const FieldDescriptor* field, const std::string& value) {
+  return field->cpp_type() == FieldDescriptor::CPPTYPE_BOOL && value != "true" && value != "false";
 }
 
 std::string_view Kind(const FieldDescriptor* field) {
@@ -131,10 +129,11 @@ bool IsTaken(const Route& route, const std::string& path) {
 
 absl::Status SetField(Message* message, const std::string& path, const std::string& value) {
   const auto [holder, field] = Resolve(message, path);
+  if (field != nullptr && IsNoBool(field, value)) return BadField(path, Kind(field), value);
   if (field == nullptr || !HasTextForm(field)) return BadField(path, "a field of the request that text can set", value);
   // JSON knows every type; a repeated field goes in as a list of one, which is appended.
   const std::unique_ptr<Message> parsed(holder->New());
-  const std::string json = ToJsonValue(field, value);
+  const std::string json = QuoteJson(value);  // of numbers, too
   const std::string document =
       absl::StrCat("{", QuoteJson(field->name()), ":", field->is_repeated() ? absl::StrCat("[", json, "]") : json, "}");
   const absl::Status status = FromJson(document, parsed.get());
