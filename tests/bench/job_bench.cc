@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <condition_variable>
+#include <cstdlib>
 #include <deque>
 #include <filesystem>
 #include <mutex>
@@ -64,6 +65,7 @@ class NullStore final : public JobStore {
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string&, std::int64_t, int) const override {
     return std::vector<JobEvent>();
   }
+  CampaignStore& campaigns() override { std::abort(); }  // there are none
   void Flush() override {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return waiting_.empty() && !answering_; });

@@ -52,6 +52,7 @@ class Process {
     for (char** variable = environ; *variable != nullptr; ++variable) {
       if (!std::string(*variable).starts_with("ORBITUNE_")) variables.emplace_back(*variable);
     }
+    variables.emplace_back("ORBITUNE_HTTP=127.0.0.1:0");  // unless `environment` says otherwise: the first counts
     posix_spawn_file_actions_t actions;
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
@@ -117,7 +118,7 @@ class Server {
     while (address_.empty() && !process_->Ended() && std::chrono::steady_clock::now() < deadline) {
       const std::vector<std::string> lines = LinesOf(process_->out());
       // The last line is there once all are.
-      if (lines.size() >= 4) address_ = lines[1].substr(std::string("grpc ").size());
+      if (lines.size() >= 5) address_ = lines[1].substr(std::string("grpc ").size());
       std::this_thread::sleep_for(std::chrono::milliseconds(2));
     }
     EXPECT_NE(address_, "") << process_->err();
@@ -410,6 +411,9 @@ TEST_F(ProcessTest, WrongUsageIsExitStatus2) {
       {{"--listen", "nowhere"}, "HOST:PORT"},
       {{"--listen", "127.0.0.1:70000"}, "[0, 65535]"},
       {{"--listen", ":"}, "HOST:PORT"},
+      {{"--http", "nowhere"}, "HOST:PORT"},
+      {{"--http-cors-origin", "example.org"}, "SCHEME://HOST"},
+      {{"--http-max-connections", "0"}, "--http-max-connections"},
       {{"--config", File("none.toml")}, "none.toml"},
       {{"--data-dir"}, "--data-dir"}};
   for (const auto& [arguments, expected] : cases) {
@@ -423,9 +427,10 @@ TEST_F(ProcessTest, WrongUsageIsExitStatus2) {
 TEST_F(ProcessTest, HelpTellsAll) {
   const Result help = RunServer({"--help"});
   EXPECT_EQ(help.code, 0);
-  for (const char* part : {"--data-dir", "--listen", "--http", "--threads", "--max-running-jobs", "--config",
-                           "--version", "ORBITUNE_DATA_DIR", "ORBITUNE_LISTEN", "ORBITUNE_HTTP", "ORBITUNE_THREADS",
-                           "ORBITUNE_MAX_RUNNING_JOBS", "ORBITUNE_CONFIG", "127.0.0.1:7313", "Exit status"}) {
+  for (const char* part :
+       {"--data-dir", "--listen", "--http", "--web-dir", "--http-cors-origin", "--threads", "--max-running-jobs",
+        "--config", "--version", "ORBITUNE_DATA_DIR", "ORBITUNE_LISTEN", "ORBITUNE_HTTP", "ORBITUNE_THREADS",
+        "ORBITUNE_MAX_RUNNING_JOBS", "ORBITUNE_CONFIG", "127.0.0.1:7313", "Exit status"}) {
     EXPECT_THAT(help.out, HasSubstr(part));
   }
   EXPECT_THAT(RunServer({"--version"}).out, StartsWith("orbituned "));
@@ -465,8 +470,9 @@ TEST_F(ProcessTest, TheFirstLinesTellWhereItListens) {
   const std::vector<std::string> lines = LinesOf(server->process().out());
   EXPECT_THAT(lines[0], StartsWith("orbituned "));
   EXPECT_THAT(lines[1], MatchesRegex("grpc 127.0.0.1:[0-9]+"));
-  EXPECT_EQ(lines[2], "data " + File("data") + "/orbitune.db");
-  EXPECT_THAT(lines[3], StartsWith("threads 1"));
+  EXPECT_THAT(lines[2], MatchesRegex("http 127.0.0.1:[0-9]+"));
+  EXPECT_EQ(lines[3], "data " + File("data") + "/orbitune.db");
+  EXPECT_THAT(lines[4], StartsWith("threads 1"));
 }
 
 TEST_F(ProcessTest, TheCliTunesFromEndToEnd) {
