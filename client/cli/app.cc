@@ -299,8 +299,9 @@ void AddCampaign(CLI::App& program, Run& run) {
 }
 
 void AddReport(CLI::App& program, Run& run) {
-  const auto [app, options] = AddCommand(
-      program, run, "report", "Figures and tables of a job or a campaign, in one page that needs no network", RunReport);
+  const auto [app, options] =
+      AddCommand(program, run, "report", "Figures and tables of a job or a campaign, in one page that needs no network",
+                 RunReport);
   AddText(*app, "NAME", options->name, "jobs/ID or campaigns/ID", "NAME")->required();
   AddText(*app, "--output,-o", options->output, "The HTML file, which appears whole or not at all; - is stdout", "FILE")
       ->required();

@@ -354,8 +354,7 @@ TEST_F(ProcessTest, KillsDoNotShowInACampaign) {
         if (message.has_snapshot()) continue;
         if (!message.has_progress()) {
           ASSERT_EQ(message.seq(), ++seen);
-        } else if (run < kills.size() && !killed &&
-                   message.progress().tuned().completed_iterations() >= kills[run]) {
+        } else if (run < kills.size() && !killed && message.progress().tuned().completed_iterations() >= kills[run]) {
           server->KillHard();
           killed = true;
         }
@@ -372,6 +371,58 @@ TEST_F(ProcessTest, KillsDoNotShowInACampaign) {
   ASSERT_EQ(stories.size(), 2u);
   EXPECT_TRUE(stories[0] == stories[1]);
   EXPECT_TRUE(results[0] == results[1]);
+}
+
+TEST_F(ProcessTest, ACampaignOnTheCommandLine) {
+  const auto server = Start("data");
+  const std::vector<std::string> create = {
+      "campaign", "create",       "--scenario", "gto-geo",    "--count", "3",        "--seed",
+      "7",        "--iterations", "20",         "--held-out", "2",       "--robust", "--robust-episodes",
+      "300",      "--request-id", "mine"};
+  std::vector<std::string> watched = create;
+  watched.push_back("--watch");
+  const Result made = RunCli(*server, watched);
+  EXPECT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("initial condition 3/3  SUCCEEDED  J "));
+  EXPECT_THAT(made.out, HasSubstr("robust tuning  SUCCEEDED"));
+  EXPECT_THAT(made.out, HasSubstr("Reductions in % of the value under K(1), 2 held out initial conditions:"));
+  EXPECT_THAT(made.out, HasSubstr("On the 2 held-out initial conditions "));
+  const std::string name = made.out.substr(0, made.out.find(' '));
+
+  EXPECT_THAT(RunCli(*server, create).out, StartsWith(name));  // the same request
+  std::vector<std::string> other = create;
+  other[5] = "4";
+  EXPECT_EQ(RunCli(*server, other).code, 5);
+  EXPECT_THAT(RunCli(*server, {"campaign", "list", "--state", "succeeded"}).out, HasSubstr(name));
+  EXPECT_THAT(RunCli(*server, {"campaign", "show", name}).out, HasSubstr("drawn over Keplerian elements with seed 7"));
+  EXPECT_EQ(LinesOf(RunCli(*server, {"campaign", "members", name}).out).size(), 7u);
+  EXPECT_EQ(RunCli(*server, {"campaign", "pause", name}).code, 5);
+
+  // What is exported can be tuned for again.
+  EXPECT_EQ(RunCli(*server, {"campaign", "export", name, "-o", File("ics.csv")}).code, 0);
+  const Result again = RunCli(*server, {"campaign", "create", "--scenario", "gto-geo", "--seed", "7", "--iterations",
+                                        "20", "--ics", File("ics.csv"), "--watch", "--json"});
+  EXPECT_EQ(again.code, 0) << again.err;
+  const auto gains = [](const std::string& text) {
+    const std::size_t at = text.find("\"mean_gains\"");
+    return at == std::string::npos ? "none" : text.substr(at, text.find('}', at) - at);
+  };
+  EXPECT_EQ(gains(again.out), gains(RunCli(*server, {"campaign", "show", name, "--json"}).out));
+  EXPECT_NE(gains(again.out), "none");
+
+  EXPECT_EQ(RunCli(*server, {"report", name, "-o", File("campaign.html")}).code, 0);
+  EXPECT_THAT(Contents(File("campaign.html")), HasSubstr("of 3 initial conditions: before (grey) and after"));
+  const std::string members = RunCli(*server, {"campaign", "members", name, "--json"}).out;
+  const std::string job = members.substr(members.find("jobs/"), 17);
+  EXPECT_EQ(RunCli(*server, {"report", job, "-o", File("job.html")}).code, 0);
+  EXPECT_THAT(Contents(File("job.html")), HasSubstr("The gains K over the iterations."));
+  EXPECT_EQ(RunCli(*server, {"report", "campaigns/none", "-o", File("none.html")}).code, 3);
+  EXPECT_EQ(RunCli(*server, {"report", "mine", "-o", File("none.html")}).code, 2);
+
+  EXPECT_EQ(RunCli(*server, {"campaign", "extend", name, "--count", "1", "--watch"}).code, 0);
+  EXPECT_THAT(RunCli(*server, {"campaign", "show", name}).out, HasSubstr("mean over 4"));
+  EXPECT_EQ(RunCli(*server, {"campaign", "delete", name}).code, 0);
+  EXPECT_EQ(RunCli(*server, {"campaign", "show", name}).code, 3);
 }
 
 TEST_F(ProcessTest, ASecondServerOnTheSameDataIsRefused) {
