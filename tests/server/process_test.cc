@@ -1,25 +1,18 @@
 // The binaries as a user runs them: orbituned in its own process, stopped, killed and started again, and orbitune
 // against it.
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <fstream>
-#include <optional>
-#include <sstream>
 #include <thread>
 
 #include "orbitune/v1/campaign.grpc.pb.h"
 #include "tests/server/engine_support.h"
+#include "tests/server/process_support.h"
 #include "tests/server/rpc_support.h"
-
-extern char** environ;
 
 namespace orbitune::server_test {
 namespace {
@@ -27,125 +20,6 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
 using ::testing::StartsWith;
-
-std::string Contents(const std::string& path) {
-  std::ostringstream text;
-  text << std::ifstream(path).rdbuf();
-  return text.str();
-}
-
-std::vector<std::string> LinesOf(const std::string& text) {
-  std::vector<std::string> lines;
-  std::istringstream stream(text);
-  for (std::string line; std::getline(stream, line);) lines.push_back(line);
-  return lines;
-}
-
-// A process whose output goes to files; killed with the object.
-class Process {
- public:
-  // environment: "NAME=value", beside what the test has, less what of it is Orbitune's.
-  Process(const std::string& output_prefix, std::vector<std::string> arguments,
-          const std::vector<std::string>& environment = {})
-      : out_(output_prefix + ".out"), err_(output_prefix + ".err") {
-    std::vector<std::string> variables = environment;
-    for (char** variable = environ; *variable != nullptr; ++variable) {
-      if (!std::string(*variable).starts_with("ORBITUNE_")) variables.emplace_back(*variable);
-    }
-    variables.emplace_back("ORBITUNE_HTTP=127.0.0.1:0");  // unless `environment` says otherwise: the first counts
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-    posix_spawn_file_actions_addopen(&actions, 1, out_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    posix_spawn_file_actions_addopen(&actions, 2, err_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    const int error = posix_spawn(&pid_, arguments[0].c_str(), &actions, nullptr, Pointers(arguments).data(),
-                                  Pointers(variables).data());
-    posix_spawn_file_actions_destroy(&actions);
-    if (error != 0) {
-      ADD_FAILURE() << "cannot start " << arguments[0];
-      pid_ = 0;
-    }
-  }
-  ~Process() {
-    if (pid_ == 0) return;
-    Signal(SIGKILL);
-    Wait();
-  }
-  Process(const Process&) = delete;
-  Process& operator=(const Process&) = delete;
-
-  void Signal(int signal) const { kill(pid_, signal); }
-
-  // The exit status, or 128 + the signal that ended it.
-  int Wait() {
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    pid_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  }
-
-  // The exit status, if it has ended by itself.
-  std::optional<int> Ended() {
-    int status = 0;
-    if (pid_ == 0 || waitpid(pid_, &status, WNOHANG) != pid_) return std::nullopt;
-    pid_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  }
-
-  std::string out() const { return Contents(out_); }
-  std::string err() const { return Contents(err_); }
-
- private:
-  static std::vector<char*> Pointers(std::vector<std::string>& texts) {
-    std::vector<char*> pointers;
-    for (std::string& text : texts) pointers.push_back(text.data());
-    pointers.push_back(nullptr);
-    return pointers;
-  }
-
-  const std::string out_;
-  const std::string err_;
-  pid_t pid_ = 0;
-};
-
-// An orbituned that listens.
-class Server {
- public:
-  Server(const std::string& output_prefix, const std::vector<std::string>& arguments,
-         const std::vector<std::string>& environment = {})
-      : process_(std::make_unique<Process>(output_prefix, Command(arguments), environment)) {
-    const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(1);
-    while (address_.empty() && !process_->Ended() && std::chrono::steady_clock::now() < deadline) {
-      const std::vector<std::string> lines = LinesOf(process_->out());
-      // The last line is there once all are.
-      if (lines.size() >= 5) address_ = lines[1].substr(std::string("grpc ").size());
-      std::this_thread::sleep_for(std::chrono::milliseconds(2));
-    }
-    EXPECT_NE(address_, "") << process_->err();
-  }
-
-  static std::vector<std::string> Command(const std::vector<std::string>& arguments) {
-    std::vector<std::string> command = {ORBITUNED};
-    command.insert(command.end(), arguments.begin(), arguments.end());
-    return command;
-  }
-
-  const std::string& address() const { return address_; }
-  Process& process() { return *process_; }
-
-  void KillHard() {
-    process_->Signal(SIGKILL);
-    EXPECT_EQ(process_->Wait(), 128 + SIGKILL);
-  }
-  int Terminate(int signal = SIGTERM) {
-    process_->Signal(signal);
-    return process_->Wait();
-  }
-
- private:
-  std::unique_ptr<Process> process_;
-  std::string address_;
-};
 
 class ProcessTest : public ::testing::Test {
  protected:
@@ -168,7 +42,7 @@ class ProcessTest : public ::testing::Test {
     return {code, process.out(), process.err()};
   }
   Result RunServer(const std::vector<std::string>& arguments, const std::vector<std::string>& environment = {}) {
-    return Run(Server::Command(arguments), environment);
+    return Run(ServerCommand(arguments), environment);
   }
   Result RunCli(const Server& server, const std::vector<std::string>& arguments) {
     std::vector<std::string> command = {ORBITUNE_CLI, "--server", server.address()};
