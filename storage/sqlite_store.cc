@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
+#include "storage/sqlite_campaign_store.h"
 #include "storage/sqlite_job_queries.h"
 #include "storage/sqlite_list_query.h"
 #include "storage/sqlite_lock.h"
@@ -21,7 +22,8 @@ class SqliteStore final : public JobStore {
       : lock_(std::move(lock)),
         connection_(std::move(connection)),
         readers_(connection_->path()),
-        writer_(*connection_) {}
+        writer_(*connection_),
+        campaigns_(*connection_, writer_, readers_) {}
 
   void CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id, std::string request_digest,
                  Created done) override;
@@ -38,6 +40,8 @@ class SqliteStore final : public JobStore {
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                    int limit) const override;
 
+  CampaignStore& campaigns() override { return campaigns_; }
+
   void Flush() override { writer_.Flush(); }
   absl::Status ok_for_now() const override { return writer_.trouble(); }
 
@@ -48,6 +52,7 @@ class SqliteStore final : public JobStore {
   const std::unique_ptr<Connection> connection_;
   mutable SqliteReaderPool readers_;
   SqliteWriter writer_;
+  SqliteCampaignStore campaigns_;
 };
 
 void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id,

@@ -96,12 +96,20 @@ Engine::Engine(const std::string& database, Scheduler::Options options, bool sta
         return *std::move(store);
       }()),
       scheduler_(*store_, hub_, options),
-      use_cases_(*store_, scheduler_, hub_) {
+      use_cases_(*store_, scheduler_, hub_),
+      campaign_engine_(*store_, store_->campaigns(), scheduler_, hub_),
+      campaigns_(use_cases_, store_->campaigns(), campaign_engine_) {
   if (start) Start();
 }
 
+Engine::~Engine() {
+  campaign_engine_.Stop();
+  scheduler_.Stop();
+}
+
 void Engine::Start() {
-  const absl::Status status = scheduler_.Start();
+  absl::Status status = scheduler_.Start();
+  if (status.ok()) status = campaign_engine_.Start();
   EXPECT_TRUE(status.ok()) << status;
 }
 

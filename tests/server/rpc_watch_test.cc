@@ -75,6 +75,7 @@ class GatedStore final : public JobStore {
     Pass(Reads::kEvents);
     return events;
   }
+  CampaignStore& campaigns() override { return store_.campaigns(); }
   void Flush() override { store_.Flush(); }
   absl::Status ok_for_now() const override { return store_.ok_for_now(); }
 
@@ -99,7 +100,7 @@ class GatedStore final : public JobStore {
 class WatchTest : public ::testing::Test {
  protected:
   WatchTest() : engine_(directory_.File("jobs.db")) {
-    auto server = RpcServer::Start("127.0.0.1:0", engine_.use_cases());
+    auto server = RpcServer::Start("127.0.0.1:0", api_);
     EXPECT_TRUE(server.ok()) << server.status();
     server_ = *std::move(server);
     client_ = std::make_unique<Client>(server_->address());
@@ -127,6 +128,7 @@ class WatchTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   Engine engine_;
+  Api api_{engine_.use_cases(), engine_.campaigns()};
   std::unique_ptr<RpcServer> server_;
   std::unique_ptr<Client> client_;
 };
@@ -376,7 +378,7 @@ TEST_F(WatchTest, ADrainEndsWatchersWithUnavailable) {
 class SlowStoreTest : public WatchTest {
  protected:
   SlowStoreTest() : use_cases_(gated_, engine_.scheduler(), engine_.hub()) {
-    auto server = RpcServer::Start("127.0.0.1:0", use_cases_);
+    auto server = RpcServer::Start("127.0.0.1:0", slow_api_);
     EXPECT_TRUE(server.ok()) << server.status();
     slow_server_ = *std::move(server);
     slow_client_ = std::make_unique<Client>(slow_server_->address());
@@ -388,6 +390,7 @@ class SlowStoreTest : public WatchTest {
 
   GatedStore gated_{engine_.store()};
   UseCases use_cases_;
+  Api slow_api_{use_cases_, engine_.campaigns()};
   std::unique_ptr<RpcServer> slow_server_;
   std::unique_ptr<Client> slow_client_;
 };
