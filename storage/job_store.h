@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "storage/campaign_store.h"
 #include "storage/job.h"
 
 namespace orbitune {
@@ -21,6 +22,7 @@ struct JobFilter {
   std::vector<std::string> scenario_ids;      // any of; empty: every one
   std::vector<std::string> not_scenario_ids;  // none of
   std::vector<Label> labels;                  // all of
+  std::string campaign_id;                    // only this one's jobs; empty: only those that are part of none
 };
 
 // Jobs come in a total order: the key, then the id. A page begins behind the last job of the one before.
@@ -59,7 +61,10 @@ class JobStore {
                          Created done) = 0;
 
   // seq: the job's last one + 1; the record's iteration: its latest + 1. Keeps latest, first and best up to date.
-  virtual void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record, Done done) = 0;
+  // checkpoint: the search's before the iteration (may be empty); takes the place of the one before, in the same commit
+  // as the iteration.
+  virtual void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
+                               std::vector<double> checkpoint, Done done) = 0;
 
   // seq: the job's last one + 1. Sets start_time at the first kRunning, end_time at a terminal state.
   virtual void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) = 0;
@@ -83,6 +88,9 @@ class JobStore {
   // Events after `after_seq`, ascending and dense, at most `limit`. NOT_FOUND for an unknown job.
   virtual absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                            int limit) const = 0;
+
+  // Lives as long as the store.
+  virtual CampaignStore& campaigns() = 0;
 
   // Returns once every write queued before the call is committed, or the store is closed.
   virtual void Flush() = 0;

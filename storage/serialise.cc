@@ -1,5 +1,6 @@
 #include "storage/serialise.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <concepts>
@@ -31,10 +32,26 @@ constexpr std::array<std::string_view, 2> kNames<ControlHold>{"CONTINUOUS", "ZER
 template <>
 constexpr std::array<std::string_view, 2> kNames<KeplerianState::Position>{"TRUE_ANOMALY", "TRUE_LONGITUDE"};
 template <>
+constexpr std::array<std::string_view, 3> kNames<Algorithm>{"ARS", "CMA_ES", "NELDER_MEAD"};
+template <>
+constexpr std::array<std::string_view, 3> kNames<Schedule>{"CONSTANT", "LINEAR", "INVERSE_SQRT"};
+template <>
+constexpr std::array<std::string_view, 4> kNames<Aggregate>{"MEAN", "PERCENTILE", "CVAR", "WORST"};
+template <>
 constexpr std::array<std::string_view, 6> kNames<WarningKind>{"GAIN_AT_FLOOR", "LAST_NOT_BEST", "PEAK_ACCELERATION",
                                                               "NOT_SETTLED",   "DELTA_V_ROSE",  "PAIRS_LEFT_OUT"};
 
+template <>
+constexpr std::array<std::string_view, 6> kNames<CampaignState>{"RUNNING",   "PAUSED", "EVALUATING",
+                                                                "SUCCEEDED", "FAILED", "CANCELLED"};
+template <>
+constexpr std::array<std::string_view, 3> kNames<MemberRole>{"TUNED", "HELD_OUT", "ROBUST"};
+template <>
+constexpr std::array<std::string_view, 6> kNames<GainsChoice>{"INITIAL", "TUNED", "BEST", "MEAN", "ROBUST", "NEAREST"};
+
 // The fields of each struct, once for writing and reading: visit(name, field).
+// visit.Later(name, field): one that version 1 of the documents did not have. It is written only where it differs from
+// its default, which therefore never changes; so a job that does not use it has the document it always had.
 template <typename T, typename U>
 concept Is = std::same_as<std::remove_const_t<T>, U>;
 
@@ -69,7 +86,7 @@ void VisitFields(T& s, V&& visit) {
   visit("z_dot_km_s", s.z_dot_km_s);
 }
 
-template <Is<ArsOptions> T, typename V>
+template <Is<SearchOptions> T, typename V>
 void VisitFields(T& s, V&& visit) {
   visit("iterations", s.iterations);
   visit("step_size", s.step_size);
@@ -79,6 +96,47 @@ void VisitFields(T& s, V&& visit) {
   visit("exploration_std", s.exploration_std);
   visit("gain_floor", s.gain_floor);
   visit("seed", s.seed);
+  visit.Later("algorithm", s.algorithm);
+  visit.Later("max_episodes", s.max_episodes);
+  visit.Later("plateau_stop", s.plateau_stop);
+  visit.Later("ars_variants", s.ars_variants);
+  visit.Later("cma_es", s.cma_es);
+  visit.Later("nelder_mead", s.nelder_mead);
+}
+
+template <Is<PlateauStop> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("iterations", s.iterations);
+  visit("min_improvement", s.min_improvement);
+}
+
+template <Is<ArsVariants> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("top_directions", s.top_directions);
+  visit("step_schedule", s.step_schedule);
+  visit("exploration_schedule", s.exploration_schedule);
+  visit("log_gains", s.log_gains);
+}
+
+template <Is<CmaEsOptions> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("population", s.population);
+  visit("initial_sigma", s.initial_sigma);
+  visit("restarts", s.restarts);
+  visit("population_growth", s.population_growth);
+}
+
+template <Is<NelderMeadOptions> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("initial_step", s.initial_step);
+  visit("restarts", s.restarts);
+}
+
+template <Is<Objective> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("aggregate", s.aggregate);
+  visit("level", s.level);
+  visit("relative_to_initial", s.relative_to_initial);
 }
 
 template <Is<Scenario> T, typename V>
@@ -106,6 +164,10 @@ void VisitFields(T& s, V&& visit) {
   visit("labels", s.labels);
   visit("scenario", s.scenario);
   visit("initial_condition", s.initial_condition);
+  visit.Later("initial_conditions", s.initial_conditions);
+  visit.Later("objective", s.objective);
+  visit.Later("warm_start", s.warm_start);
+  visit.Later("campaign_id", s.campaign_id);
 }
 
 template <Is<EpisodeReport> T, typename V>
@@ -124,11 +186,30 @@ void VisitFields(T& s, V&& visit) {
   visit("domain_guaranteed", s.domain_guaranteed);
 }
 
+template <Is<Spread> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("mean", s.mean);
+  visit("min", s.min);
+  visit("max", s.max);
+}
+
+template <Is<EnsembleReport> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("initial_conditions", s.initial_conditions);
+  visit("settled", s.settled);
+  visit("objective", s.objective);
+  visit("cost", s.cost);
+  visit("cost_reduction_percent", s.cost_reduction_percent);
+  visit("settling_time_reduction_percent", s.settling_time_reduction_percent);
+  visit("fuel_sum_reduction_percent", s.fuel_sum_reduction_percent);
+}
+
 template <Is<GainsAssessment> T, typename V>
 void VisitFields(T& s, V&& visit) {
   visit("iteration", s.iteration);
   visit("gains", s.gains);
   visit("episode", s.episode);
+  visit.Later("ensemble", s.ensemble);
 }
 
 template <Is<Warning> T, typename V>
@@ -146,9 +227,131 @@ void VisitFields(T& s, V&& visit) {
   visit("episodes", s.episodes);
 }
 
-// The forms of an OrbitState by their names; std::monostate is null.
+template <Is<FixedValue> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("value", s.value);
+}
+
+template <Is<UniformVariate> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("low", s.low);
+  visit("high", s.high);
+}
+
+template <Is<NormalVariate> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("mean", s.mean);
+  visit("standard_deviation", s.standard_deviation);
+}
+
+template <Is<KeplerianDistribution> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("semi_major_axis_km", s.semi_major_axis_km);
+  visit("eccentricity", s.eccentricity);
+  visit("inclination_deg", s.inclination_deg);
+  visit("raan_deg", s.raan_deg);
+  visit("argument_of_periapsis_deg", s.argument_of_periapsis_deg);
+  visit("position", s.position);
+  visit("position_deg", s.position_deg);
+  visit("mirrored_periapsis", s.mirrored_periapsis);
+}
+
+template <Is<EquinoctialDistribution> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("p_km", s.p_km);
+  visit("ex", s.ex);
+  visit("ey", s.ey);
+  visit("hx", s.hx);
+  visit("hy", s.hy);
+  visit("true_longitude_deg", s.true_longitude_deg);
+}
+
+template <Is<InitialConditionDraws> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("distribution", s.distribution);
+  visit("seed", s.seed);
+  visit("count", s.count);
+}
+
+template <Is<RobustTuning> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("search", s.search);
+  visit("objective", s.objective);
+}
+
+template <Is<CampaignSpec> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("display_name", s.display_name);
+  visit("labels", s.labels);
+  visit("scenario", s.scenario);
+  visit("warm_start", s.warm_start);
+  visit("draws", s.draws);
+  visit("held_out_draws", s.held_out_draws);
+  visit("tune_held_out", s.tune_held_out);
+  visit("robust", s.robust);
+}
+
+template <Is<MemberEpisode> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("choice", s.choice);
+  visit("gains", s.gains);
+  visit("outcome", s.outcome);
+  visit("cost", s.cost);
+  visit("settling_samples", s.settling_samples);
+  visit("fuel_sum", s.fuel_sum);
+  visit("delta_v_to_settling_m_s", s.delta_v_to_settling_m_s);
+}
+
+template <Is<ReductionStatistics> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("average", s.average);
+  visit("minimum", s.minimum);
+  visit("maximum", s.maximum);
+  visit("percentiles", s.percentiles);
+}
+
+template <Is<GainsComparison> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("choice", s.choice);
+  visit("over", s.over);
+  visit("flown", s.flown);
+  visit("settled", s.settled);
+  visit("not_settled", s.not_settled);
+  visit("without_cost", s.without_cost);
+  visit("compared", s.compared);
+  visit("cost_percent", s.cost_percent);
+  visit("settling_time_percent", s.settling_time_percent);
+  visit("fuel_sum_percent", s.fuel_sum_percent);
+  visit("delta_v_percent", s.delta_v_percent);
+}
+
+template <Is<CampaignResults> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("mean_of", s.mean_of);
+  visit("mean_gains", s.mean_gains);
+  visit("robust_gains", s.robust_gains);
+  visit("comparisons", s.comparisons);
+  visit("best_on_held_out", s.best_on_held_out);
+  visit("conclusion", s.conclusion);
+  visit("episodes", s.episodes);
+}
+
+// The forms of a variant by their names; std::monostate is null.
 template <typename V>
-void VisitForms(V&& visit) {
+void VisitForms(const IcDistribution*, V&& visit) {
+  visit("keplerian", KeplerianDistribution{});
+  visit("equinoctial", EquinoctialDistribution{});
+}
+
+template <typename V>
+void VisitForms(const Variate*, V&& visit) {
+  visit("fixed", FixedValue{});
+  visit("uniform", UniformVariate{});
+  visit("normal", NormalVariate{});
+}
+
+template <typename V>
+void VisitForms(const OrbitState*, V&& visit) {
   visit("keplerian", KeplerianState{});
   visit("equinoctial", EquinoctialState{});
   visit("cartesian", CartesianStateKm{});
@@ -170,19 +373,41 @@ Json Encode(T value) {
 }
 template <typename E>
 requires std::is_enum_v<E> Json Encode(E value) { return kNames<E>[static_cast<std::size_t>(value)]; }
-Json Encode(const OrbitState& state);
+template <typename... F>
+Json Encode(const std::variant<F...>& state);
 Json Encode(const Gains& gains);
-Json Encode(const std::vector<Warning>& warnings);
+template <typename T>
+Json Encode(const std::vector<T>& values);
+template <typename T>
+Json Encode(const std::optional<T>& value);
+
+template <typename T>
+requires std::is_class_v<T> Json Encode(const T& value);
+
+struct FieldEncoder {
+  template <typename T>
+  void operator()(const char* name, const T& field) {
+    object[name] = Encode(field);
+  }
+  template <typename T>
+  void Later(const char* name, const T& field) {
+    Json value = Encode(field);
+    if (value != Encode(T{})) object[name] = std::move(value);
+  }
+  Json object = Json::object();
+};
+
 template <typename T>
 requires std::is_class_v<T> Json Encode(const T& value) {
-  Json object = Json::object();
-  VisitFields(value, [&object](const char* name, const auto& field) { object[name] = Encode(field); });
-  return object;
+  FieldEncoder encoder;
+  VisitFields(value, encoder);
+  return std::move(encoder.object);
 }
 
-Json Encode(const OrbitState& state) {
+template <typename... F>
+Json Encode(const std::variant<F...>& state) {
   Json object;
-  VisitForms([&](const char* name, const auto& form) {
+  VisitForms(&state, [&](const char* name, const auto& form) {
     const auto* held = std::get_if<std::remove_cvref_t<decltype(form)>>(&state);
     if (held != nullptr) object[name] = Encode(*held);
   });
@@ -195,10 +420,16 @@ Json Encode(const Gains& gains) {
   return array;
 }
 
-Json Encode(const std::vector<Warning>& warnings) {
+template <typename T>
+Json Encode(const std::vector<T>& values) {
   Json array = Json::array();
-  for (const Warning& warning : warnings) array.push_back(Encode(warning));
+  for (const T& value : values) array.push_back(Encode(value));
   return array;
+}
+
+template <typename T>
+Json Encode(const std::optional<T>& value) {
+  return value ? Encode(*value) : Json();
 }
 
 // ---- reading
@@ -258,20 +489,30 @@ class Decoder {
     for (std::size_t i = 0; i < gains.size(); ++i) Read(json[i], absl::StrCat(path, "[", i, "]"), gains[i]);
   }
 
-  void Read(const Json& json, const std::string& path, std::vector<Warning>& warnings) {
+  template <typename T>
+  void Read(const Json& json, const std::string& path, std::vector<T>& values) {
     if (!Expect(json.is_array(), path, "is not an array")) return;
-    warnings.resize(json.size());
-    for (std::size_t i = 0; i < json.size(); ++i) Read(json[i], absl::StrCat(path, "[", i, "]"), warnings[i]);
+    values.resize(json.size());
+    for (std::size_t i = 0; i < json.size(); ++i) Read(json[i], absl::StrCat(path, "[", i, "]"), values[i]);
   }
 
-  void Read(const Json& json, const std::string& path, OrbitState& state) {
-    if (json.is_null()) {
-      state = std::monostate();
-      return;
+  template <typename T>
+  void Read(const Json& json, const std::string& path, std::optional<T>& value) {
+    value.reset();
+    if (!json.is_null()) Read(json, path, value.emplace());
+  }
+
+  template <typename... F>
+  void Read(const Json& json, const std::string& path, std::variant<F...>& state) {
+    if constexpr ((std::same_as<F, std::monostate> || ...)) {
+      if (json.is_null()) {
+        state = std::monostate();
+        return;
+      }
     }
-    if (!Expect(json.is_object() && json.size() == 1, path, "is not one form of an orbit")) return;
+    if (!Expect(json.is_object() && json.size() == 1, path, "is not one form of what it stands for")) return;
     bool known = false;
-    VisitForms([&](const char* name, auto form) {
+    VisitForms(&state, [&](const char* name, auto form) {
       if (!json.contains(name)) return;
       known = true;
       Read(json[name], absl::StrCat(path, ".", name), form);
@@ -284,17 +525,31 @@ class Decoder {
   requires std::is_class_v<T>
   void Read(const Json& json, const std::string& path, T& value) {
     if (!Expect(json.is_object(), path, "is not an object")) return;
-    std::size_t fields = 0;
-    VisitFields(value, [&](const char* name, auto& field) {
-      ++fields;
-      const auto found = json.find(name);
-      const std::string field_path = absl::StrCat(path, ".", name);
-      if (Expect(found != json.end(), field_path, "is missing")) Read(*found, field_path, field);
-    });
-    Expect(json.size() == fields, path, "has a field that is not known");
+    FieldReader reader{*this, json, path};
+    VisitFields(value, reader);
+    Expect(json.size() == reader.fields, path, "has a field that is not known");
   }
 
  private:
+  struct FieldReader {
+    template <typename T>
+    void operator()(const char* name, T& field) {
+      decoder.Expect(json.contains(name), absl::StrCat(path, ".", name), "is missing");
+      Later(name, field);
+    }
+    template <typename T>
+    void Later(const char* name, T& field) {
+      const auto found = json.find(name);
+      if (found == json.end()) return;
+      ++fields;
+      decoder.Read(*found, absl::StrCat(path, ".", name), field);
+    }
+    Decoder& decoder;
+    const Json& json;
+    const std::string& path;
+    std::size_t fields = 0;
+  };
+
   void Fault(const std::string& path, std::string_view fault) {
     if (status_.ok()) status_ = absl::DataLossError(absl::StrCat("damaged document: ", path, " ", ToAbsl(fault)));
   }
@@ -344,5 +599,48 @@ std::string ToJson(const JobReport& report) {
 absl::StatusOr<JobSpec> JobSpecFromJson(std::string_view text) { return FromJson<JobSpec>(text, "spec"); }
 
 absl::StatusOr<JobReport> JobReportFromJson(std::string_view text) { return FromJson<JobReport>(text, "report"); }
+
+std::string_view NameOf(CampaignState state) { return kNames<CampaignState>[static_cast<std::size_t>(state)]; }
+
+absl::StatusOr<CampaignState> CampaignStateOf(std::string_view name) {
+  const auto& names = kNames<CampaignState>;
+  const auto found = std::ranges::find(names, name);
+  if (found != names.end()) return static_cast<CampaignState>(found - names.begin());
+  return absl::DataLossError(absl::StrCat(FormatReceived(name), " is not the name of a campaign's state"));
+}
+
+absl::StatusOr<std::string> ToJson(const CampaignSpec& spec) {
+  try {
+    return Encode(spec).dump();
+  } catch (const Json::exception& e) {
+    return absl::InvalidArgumentError(absl::StrCat("the campaign has a text that is not UTF-8: ", e.what()));
+  }
+}
+
+std::string ToJson(const CampaignResults& results) {
+  return Encode(results).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+std::string ToJson(const std::vector<MemberEpisode>& episodes) { return Encode(episodes).dump(); }
+
+std::string ToJson(const OrbitState& state) { return Encode(state).dump(); }
+
+std::string ToJson(const InitialConditionDraws& draws) { return Encode(draws).dump(); }
+
+absl::StatusOr<CampaignSpec> CampaignSpecFromJson(std::string_view text) {
+  return FromJson<CampaignSpec>(text, "spec");
+}
+
+absl::StatusOr<CampaignResults> CampaignResultsFromJson(std::string_view text) {
+  return FromJson<CampaignResults>(text, "results");
+}
+
+absl::StatusOr<std::vector<MemberEpisode>> MemberEpisodesFromJson(std::string_view text) {
+  return FromJson<std::vector<MemberEpisode>>(text, "episodes");
+}
+
+absl::StatusOr<OrbitState> OrbitStateFromJson(std::string_view text) {
+  return FromJson<OrbitState>(text, "initial_condition");
+}
 
 }  // namespace orbitune

@@ -5,6 +5,7 @@
 #include <string>
 #include <string_view>
 
+#include "storage/campaign.h"
 #include "storage/job.h"
 
 namespace orbitune {
@@ -20,8 +21,22 @@ absl::StatusOr<std::string> ToJson(const JobSpec& spec);
 // What is not UTF-8 in a message is replaced by U+FFFD: a report is never refused.
 std::string ToJson(const JobReport& report);
 
-// DATA_LOSS, naming the field, unless every field is there, of its kind and in its range, and no other.
+// DATA_LOSS, naming the field, unless every field is there, of its kind and in its range, and no other. A field that an
+// earlier version did not have may be missing, and is at its default then.
 absl::StatusOr<JobSpec> JobSpecFromJson(std::string_view text);
 absl::StatusOr<JobReport> JobReportFromJson(std::string_view text);
+
+// Likewise of campaigns.
+std::string_view NameOf(CampaignState state);
+absl::StatusOr<CampaignState> CampaignStateOf(std::string_view name);
+absl::StatusOr<std::string> ToJson(const CampaignSpec& spec);
+std::string ToJson(const CampaignResults& results);
+std::string ToJson(const std::vector<MemberEpisode>& episodes);
+std::string ToJson(const OrbitState& state);
+std::string ToJson(const InitialConditionDraws& draws);
+absl::StatusOr<CampaignSpec> CampaignSpecFromJson(std::string_view text);
+absl::StatusOr<CampaignResults> CampaignResultsFromJson(std::string_view text);
+absl::StatusOr<std::vector<MemberEpisode>> MemberEpisodesFromJson(std::string_view text);
+absl::StatusOr<OrbitState> OrbitStateFromJson(std::string_view text);
 
 }  // namespace orbitune

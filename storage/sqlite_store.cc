@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
+#include "storage/sqlite_campaign_store.h"
 #include "storage/sqlite_job_queries.h"
 #include "storage/sqlite_list_query.h"
 #include "storage/sqlite_lock.h"
@@ -21,11 +22,13 @@ class SqliteStore final : public JobStore {
       : lock_(std::move(lock)),
         connection_(std::move(connection)),
         readers_(connection_->path()),
-        writer_(*connection_) {}
+        writer_(*connection_),
+        campaigns_(*connection_, writer_, readers_) {}
 
   void CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id, std::string request_digest,
                  Created done) override;
-  void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record, Done done) override;
+  void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
+                       std::vector<double> checkpoint, Done done) override;
   void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) override;
   void DeleteJob(const std::string& id, Done done) override;
 
@@ -37,6 +40,8 @@ class SqliteStore final : public JobStore {
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                    int limit) const override;
 
+  CampaignStore& campaigns() override { return campaigns_; }
+
   void Flush() override { writer_.Flush(); }
   absl::Status ok_for_now() const override { return writer_.trouble(); }
 
@@ -47,6 +52,7 @@ class SqliteStore final : public JobStore {
   const std::unique_ptr<Connection> connection_;
   mutable SqliteReaderPool readers_;
   SqliteWriter writer_;
+  SqliteCampaignStore campaigns_;
 };
 
 void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id,
@@ -75,8 +81,10 @@ void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::strin
                  }});
 }
 
-void SqliteStore::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record, Done done) {
-  writer_.Queue({.apply = [id, seq, record](JobTables& tables) { return tables.AppendIteration(id, seq, record); },
+void SqliteStore::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
+                                  std::vector<double> checkpoint, Done done) {
+  writer_.Queue({.apply = [id, seq, record, checkpoint = std::move(checkpoint)](
+                              JobTables& tables) { return tables.AppendIteration(id, seq, record, checkpoint); },
                  .answer = std::move(done)});
 }
 

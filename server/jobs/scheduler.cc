@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
-#include "core/search/ars.h"
+#include "core/search/ensemble_search.h"
 #include "core/sim/scalar_simulator.h"
 #include "core/simd/batch_simulator.h"
 #include "server/jobs/report.h"
@@ -45,45 +45,56 @@ absl::Status WrongState(const std::string& id, JobState state, std::string_view 
 // One batch after the other: the search's iterations, then the report's three episodes. Everything but what `claimed`
 // and `finished` count is touched by one worker at a time: the one that ended the batch.
 struct Scheduler::Run {
-  Run(const JobRecord& record, PreparedScenario p) : prepared(std::move(p)) {
-    const ArsOptions& options = record.spec.scenario.search;
-    if (record.completed_iterations() == options.iterations) return;  // the report is all that is left
-    if (record.latest) {
-      search.emplace(options, *record.latest);
-      replayed = record.latest;
-    } else {
-      search.emplace(options);
-    }
+  // prepared: of each initial condition.
+  explicit Run(std::vector<PreparedScenario> p) : prepared(std::move(p)) {}
+
+  // To be called once, first.
+  absl::Status Start(const JobRecord& record) {
+    search.emplace(record.spec.scenario.search, record.spec.objective, prepared.size());
+    if (!record.latest) return absl::OkStatus();
+    replayed = record.latest;
+    return search->Resume(*record.latest, record.checkpoint);
   }
 
-  const PreparedScenario prepared;
-  std::optional<ArsSearch> search;          // none in the report
+  const std::vector<PreparedScenario> prepared;
+  std::optional<EnsembleSearch> search;     // none in the report
   std::optional<IterationRecord> replayed;  // the first iteration must come out as this stored one
   std::vector<Gains> report_gains;
   std::vector<EpisodeResult> results;
   std::size_t claimed = 0;
   std::size_t finished = 0;
 
-  std::span<const Gains> batch() const { return search ? search->batch() : report_gains; }
-
   // The report's episodes go the whole horizon and have their effort measured.
   void Simulate(std::size_t begin, std::size_t count) {
     const std::span<EpisodeResult> out = std::span(results).subspan(begin, count);
-    const std::span<const Gains> gains = batch().subspan(begin, count);
     if (search) {
       std::vector<BatchEpisode> episodes;
-      for (const Gains& k : gains) episodes.push_back({.problem = &prepared.problem, .gains = k});
+      for (std::size_t e = begin; e < begin + count; ++e) {
+        episodes.push_back({.problem = &prepared[search->initial_condition(e)].problem, .gains = search->gains(e)});
+      }
       return SimulateBatch(episodes, out);
     }
     for (std::size_t i = 0; i < count; ++i) {
-      out[i] = SimulateEpisode(prepared.problem, gains[i], {.early_exit = false, .measure_effort = true});
+      const std::size_t e = begin + i;
+      out[i] = SimulateEpisode(prepared[e % prepared.size()].problem, report_gains[e / prepared.size()],
+                               {.early_exit = false, .measure_effort = true});
     }
   }
 
+  // Why there is no cost under the first gains of the batch; empty if there is one.
+  std::string DescribeFirst() const {
+    for (std::size_t i = 0; i < prepared.size(); ++i) {
+      if (HasCost(results[i].outcome)) continue;
+      const std::string from = prepared.size() == 1 ? "" : absl::StrCat("from initial condition ", i, ", ");
+      return absl::StrCat("Under K(", search->iteration(), "): ", from, DescribeOutcome(results[i], prepared[i]));
+    }
+    return "";
+  }
+
   void NextBatch(const JobRecord& record) {
-    if (search && search->done()) search.reset();
+    if (search && !replayed && search->done()) search.reset();
     if (!search) report_gains = {record.first->gains, record.latest->gains, record.best->gains};
-    results.assign(batch().size(), {});
+    results.assign(search ? search->episodes() : report_gains.size() * prepared.size(), {});
     claimed = finished = 0;
   }
 };
@@ -176,11 +187,23 @@ void Scheduler::Add(const JobRecord& created) {
   work_.notify_all();
 }
 
-// mutex_ held.
+// mutex_ held. Of one campaign only so many run at a time, so that it neither takes the whole ring nor ends all its
+// jobs at once; those behind them pass.
 void Scheduler::StartWaiting() {
-  while (!waiting_.empty() && ring_.size() < static_cast<std::size_t>(options_.max_running_jobs)) {
-    const EntryPtr entry = waiting_.front();
-    waiting_.pop_front();
+  const int most =
+      options_.max_running_of_campaign > 0 ? options_.max_running_of_campaign : std::max(4, 2 * options_.threads);
+  std::map<std::string, int> running;  // by campaign
+  for (const EntryPtr& entry : ring_) ++running[entry->record.spec.campaign_id];
+  for (auto next = waiting_.begin();
+       next != waiting_.end() && ring_.size() < static_cast<std::size_t>(options_.max_running_jobs);) {
+    const EntryPtr entry = *next;
+    const std::string& campaign = entry->record.spec.campaign_id;
+    if (!campaign.empty() && running[campaign] >= most) {
+      ++next;
+      continue;
+    }
+    ++running[campaign];
+    next = waiting_.erase(next);
     ring_.push_back(entry);
     Begin(*entry);
   }
@@ -188,14 +211,20 @@ void Scheduler::StartWaiting() {
 
 // mutex_ held.
 void Scheduler::Begin(Entry& entry) {
-  // The spec was validated when the job was created.
-  auto prepared = Prepare(entry.record.spec.scenario, entry.record.spec.initial_condition);
-  if (!prepared.ok()) {
+  const auto fail = [&](const absl::Status& status) {
     RemoveFromRing(entry);
-    ChangeState(entry, {.state = JobState::kFailed, .message = std::string(prepared.status().message())}, {});
-    return;
+    ChangeState(entry, {.state = JobState::kFailed, .message = std::string(status.message())}, {});
+  };
+  // The spec was validated when the job was created.
+  std::vector<PreparedScenario> prepared;
+  for (const OrbitState& start : entry.record.spec.starts()) {
+    auto one = Prepare(entry.record.spec.scenario, start);
+    if (!one.ok()) return fail(one.status());
+    prepared.push_back(*std::move(one));
   }
-  entry.run = std::make_shared<Run>(entry.record, *std::move(prepared));
+  auto run = std::make_shared<Run>(std::move(prepared));
+  if (absl::Status status = run->Start(entry.record); !status.ok()) return fail(status);
+  entry.run = std::move(run);
   entry.run->NextBatch(entry.record);
   if (entry.record.state != JobState::kRunning) ChangeState(entry, {.state = JobState::kRunning}, {});
 }
@@ -248,9 +277,11 @@ void Scheduler::FinishBatch(const Chunk& last, Lock& lock) {
   if (run.search) {
     // The run is this worker's alone: every episode is claimed.
     lock.unlock();
+    std::vector<double> checkpoint = run.search->checkpoint();
     const auto record = run.search->Update(run.results);
     lock.lock();
-    if (entry.run == last.run) FinishIteration(entry, run, record);  // else paused or cancelled meanwhile
+    // Else paused or cancelled meanwhile.
+    if (entry.run == last.run) FinishIteration(entry, run, record, std::move(checkpoint));
   } else if (entry.run == last.run) {
     FinishReport(entry, run);
   }
@@ -258,7 +289,8 @@ void Scheduler::FinishBatch(const Chunk& last, Lock& lock) {
 }
 
 // mutex_ held.
-void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record) {
+void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record,
+                                std::vector<double> checkpoint) {
   const auto fail = [&](std::string message) {
     RemoveFromRing(entry);
     ChangeState(entry, {.state = JobState::kFailed, .message = std::move(message)}, {});
@@ -266,9 +298,7 @@ void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<Ite
   };
   if (!record.ok()) {
     std::string message(record.status().message());
-    if (const std::string outcome = DescribeOutcome(run.results[0], run.prepared); !outcome.empty()) {
-      absl::StrAppend(&message, ". Under K(", run.search->iteration(), "): ", outcome);
-    }
+    if (const std::string outcome = run.DescribeFirst(); !outcome.empty()) absl::StrAppend(&message, ". ", outcome);
     return fail(std::move(message));
   }
   JobRecord& job = entry.record;
@@ -285,16 +315,18 @@ void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<Ite
     if (!job.first) job.first = *record;
     if (!job.best || Better(*record, *job.best)) job.best = *record;
     job.latest = *record;
+    job.checkpoint = checkpoint;
     entry.pairs_left_out += record->pairs_left_out;
     ++entry.uncommitted;
-    store_.AppendIteration(job.id, seq, *record, [this, self, id = job.id, seq, r = *record](const absl::Status& s) {
+    const auto done = [this, self, id = job.id, seq, r = *record](const absl::Status& s) {
       if (s.ok()) {
         hub_.Publish(id, {.seq = seq, .what = r});
       } else {
         Refused(self, s);
       }
       Committed(self);
-    });
+    };
+    store_.AppendIteration(job.id, seq, *record, std::move(checkpoint), done);
   }
   run.NextBatch(job);
 }

@@ -34,8 +34,10 @@ absl::Status WrongState(const std::string& id, JobState state, std::string_view 
 class Scheduler {
  public:
   struct Options {
-    int threads = 1;                       // > 0
-    int max_running_jobs = 64;             // the rest waits in order of creation
+    int threads = 1;            // > 0
+    int max_running_jobs = 64;  // the rest waits in order of creation
+    // Of one campaign; the rest lets others pass. 0: twice the threads, at least 4.
+    int max_running_of_campaign = 0;
     int max_uncommitted_iterations = 256;  // of one job; beyond, it waits for the disk
   };
   // The job as of the change, committed.
@@ -73,7 +75,8 @@ class Scheduler {
   void WorkerLoop();
   bool NextChunk(Chunk& chunk);
   void FinishBatch(const Chunk& last, Lock& lock);
-  void FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record);
+  void FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record,
+                       std::vector<double> checkpoint);
   void FinishReport(Entry& entry, Run& run);
   void StartWaiting();
   void Begin(Entry& entry);

@@ -79,9 +79,9 @@ class Parser {
   void Comparison() {
     const Token field = token_;
     const bool known = field.kind == Token::Kind::kWord &&
-                       (field.value == "state" || field.value == "scenario" ||
+                       (field.value == "state" || field.value == "scenario" || field.value == "campaign" ||
                         (field.value.starts_with(kLabelPrefix) && field.value.size() > kLabelPrefix.size()));
-    if (!known) return Fail("state, scenario or labels.KEY");
+    if (!known) return Fail("state, scenario, campaign or labels.KEY");
     Next();
     if (token_.kind != Token::Kind::kOperator) return Fail("= or !=");
     const bool negated = token_.value == "!=";
@@ -102,6 +102,13 @@ class Parser {
       constexpr std::string_view kPrefix = "scenarios/";
       const std::string id = value.starts_with(kPrefix) ? value.substr(kPrefix.size()) : value;
       return (negated ? filter_.not_scenario_ids : filter_.scenario_ids).push_back(id);
+    }
+    if (field == "campaign") {
+      constexpr std::string_view kPrefix = "campaigns/";
+      if (negated || !filter_.campaign_id.empty()) return Fail("one comparison campaign = ID at most");
+      if (value.empty()) return Fail("the id of a campaign");
+      filter_.campaign_id = value.starts_with(kPrefix) ? value.substr(kPrefix.size()) : value;
+      return;
     }
     filter_.labels.push_back({field.substr(kLabelPrefix.size()), value, negated});
   }

@@ -6,6 +6,7 @@
 #include "core/scenario/presets.h"
 #include "server/jobs/event_hub.h"
 #include "server/jobs/scheduler.h"
+#include "server/service/warm_start.h"
 #include "storage/job_store.h"
 
 namespace orbitune {
@@ -26,9 +27,23 @@ struct SearchOverrides {
   std::optional<Gains> exploration_std;
   std::optional<double> gain_floor;
   std::optional<std::uint64_t> seed;
+  std::optional<Algorithm> algorithm;
+  std::optional<std::int64_t> max_episodes;
+  std::optional<int> plateau_iterations;
+  std::optional<double> plateau_min_improvement;
+  std::optional<int> top_directions;
+  std::optional<Schedule> step_schedule;
+  std::optional<Schedule> exploration_schedule;
+  std::optional<bool> log_gains;
+  std::optional<int> population;
+  std::optional<double> initial_sigma;
+  std::optional<int> cma_es_restarts;
+  std::optional<double> population_growth;
+  std::optional<double> initial_step;
+  std::optional<int> nelder_mead_restarts;
 
-  void ApplyTo(ArsOptions& options) const;
-  // Whether it is given; field: as ArsOptions::Validate names it, "initial_gains.k1" too.
+  void ApplyTo(SearchOptions& options) const;
+  // Whether it is given; field: as SearchOptions::Validate names it, "initial_gains.k1" too.
   bool Sets(std::string_view field) const;
 };
 
@@ -36,7 +51,11 @@ struct NewJob {
   std::string display_name;
   std::map<std::string, std::string> labels;
   ScenarioChoice scenario;
-  OrbitState initial_condition;  // std::monostate: the scenario's chaser
+  OrbitState initial_condition;                // std::monostate: the scenario's chaser
+  std::vector<OrbitState> initial_conditions;  // instead, for robust tuning
+  Objective objective;
+  std::string warm_start;   // jobs/ID or gainSets/ID; empty: none
+  std::string campaign_id;  // of the campaign that creates it; no client's to give
   SearchOverrides search;
 };
 
@@ -55,6 +74,12 @@ struct EpisodeAnswer {
   std::vector<EpisodeSample> trajectory;  // every sample_stride-th
 };
 
+inline constexpr std::size_t kLongestRequestId = 128;
+inline constexpr std::size_t kMostStarts = 1000;  // of one job
+
+// For a new resource: twelve letters and digits at random.
+std::string NewId();
+
 template <typename T>
 struct Page {
   std::vector<T> items;
@@ -67,6 +92,12 @@ class UseCases {
  public:
   // All outlive this.
   UseCases(JobStore& store, Scheduler& scheduler, EventHub& hub) : store_(store), scheduler_(scheduler), hub_(hub) {}
+
+  // Where warm starts from gainSets/ID find them; to be called before any other thread calls.
+  void set_gain_sets(GainSetSource gain_sets) { gain_sets_ = std::move(gain_sets); }
+
+  // The spec that CreateJob would store.
+  absl::StatusOr<JobSpec> ResolveJob(const NewJob& job);
 
   absl::StatusOr<JobRecord> CreateJob(const NewJob& job, const std::string& request_id, bool validate_only);
   absl::StatusOr<JobRecord> GetJob(const std::string& id);
@@ -90,11 +121,13 @@ class UseCases {
 
  private:
   using Transition = void (Scheduler::*)(const std::string&, const std::string&, Scheduler::Done);
+  absl::Status CheckAlone(const std::string& id, std::string_view action) const;
   absl::StatusOr<JobRecord> Await(Transition transition, const std::string& id, const std::string& etag);
 
   JobStore& store_;
   Scheduler& scheduler_;
   EventHub& hub_;
+  GainSetSource gain_sets_;
 };
 
 }  // namespace orbitune

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "core/scenario/presets.h"
+#include "core/search/optimiser.h"
 #include "core/simd/batch_simulator.h"
 
 namespace orbitune::server_test {
@@ -43,7 +44,7 @@ Scenario SmallScenario(int iterations) {
   return s;
 }
 
-Scenario EndlessScenario() { return SmallScenario(ArsOptions::kMaxIterations); }
+Scenario EndlessScenario() { return SmallScenario(SearchOptions::kMaxIterations); }
 
 Scenario EdgeScenario(int iterations) {
   Scenario s = *FindPreset("gto-geo");
@@ -78,7 +79,7 @@ std::vector<IterationRecord> PlainHistory(const Scenario& scenario) {
   const auto prepared = Prepare(scenario);
   EXPECT_TRUE(prepared.ok()) << prepared.status();
   std::vector<IterationRecord> history;
-  const absl::Status status = RunArs(
+  const absl::Status status = RunSearch(
       scenario.search,
       [&](std::span<const Gains> gains, std::span<EpisodeResult> results) {
         for (std::size_t i = 0; i < gains.size(); ++i) results[i] = SimulateAlone(*prepared, gains[i]);
@@ -95,12 +96,20 @@ Engine::Engine(const std::string& database, Scheduler::Options options, bool sta
         return *std::move(store);
       }()),
       scheduler_(*store_, hub_, options),
-      use_cases_(*store_, scheduler_, hub_) {
+      use_cases_(*store_, scheduler_, hub_),
+      campaign_engine_(*store_, store_->campaigns(), scheduler_, hub_),
+      campaigns_(use_cases_, store_->campaigns(), campaign_engine_) {
   if (start) Start();
 }
 
+Engine::~Engine() {
+  campaign_engine_.Stop();
+  scheduler_.Stop();
+}
+
 void Engine::Start() {
-  const absl::Status status = scheduler_.Start();
+  absl::Status status = scheduler_.Start();
+  if (status.ok()) status = campaign_engine_.Start();
   EXPECT_TRUE(status.ok()) << status;
 }
 
@@ -164,7 +173,8 @@ void StoreRunningJob(JobStore& store, const std::string& id, const JobSpec& spec
   const StateChange running{.state = JobState::kRunning, .time_us = NowUs(), .message = {}, .report = {}};
   EXPECT_TRUE(Await([&](JobStore::Done done) { store.ChangeState(id, ++seq, running, std::move(done)); }).ok());
   for (const IterationRecord& record : history) {
-    EXPECT_TRUE(Await([&](JobStore::Done done) { store.AppendIteration(id, ++seq, record, std::move(done)); }).ok());
+    EXPECT_TRUE(
+        Await([&](JobStore::Done done) { store.AppendIteration(id, ++seq, record, {}, std::move(done)); }).ok());
   }
 }
 

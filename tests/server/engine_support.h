@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "server/service/use_cases.h"
+#include "server/service/campaign_use_cases.h"
 #include "storage/sqlite_store.h"
 
 namespace orbitune::server_test {
@@ -47,10 +47,13 @@ class Engine {
  public:
   explicit Engine(const std::string& database, Scheduler::Options options = {.threads = 2}, bool start = true);
 
+  ~Engine();
+
   JobStore& store() { return *store_; }
   EventHub& hub() { return hub_; }
   Scheduler& scheduler() { return scheduler_; }
   UseCases& use_cases() { return use_cases_; }
+  CampaignUseCases& campaigns() { return campaigns_; }
 
   // Each fails the test where the answer is an error.
   void Start();
@@ -69,6 +72,8 @@ class Engine {
   EventHub hub_;
   Scheduler scheduler_;
   UseCases use_cases_;
+  CampaignEngine campaign_engine_;
+  CampaignUseCases campaigns_;
 };
 
 // Puts a job into a store, without an engine. Each waits for the answer and fails the test where it is an error.

@@ -1,24 +1,18 @@
 // The binaries as a user runs them: orbituned in its own process, stopped, killed and started again, and orbitune
 // against it.
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <fstream>
-#include <optional>
-#include <sstream>
 #include <thread>
 
+#include "orbitune/v1/campaign.grpc.pb.h"
 #include "tests/server/engine_support.h"
+#include "tests/server/process_support.h"
 #include "tests/server/rpc_support.h"
-
-extern char** environ;
 
 namespace orbitune::server_test {
 namespace {
@@ -26,124 +20,6 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
 using ::testing::StartsWith;
-
-std::string Contents(const std::string& path) {
-  std::ostringstream text;
-  text << std::ifstream(path).rdbuf();
-  return text.str();
-}
-
-std::vector<std::string> LinesOf(const std::string& text) {
-  std::vector<std::string> lines;
-  std::istringstream stream(text);
-  for (std::string line; std::getline(stream, line);) lines.push_back(line);
-  return lines;
-}
-
-// A process whose output goes to files; killed with the object.
-class Process {
- public:
-  // environment: "NAME=value", beside what the test has, less what of it is Orbitune's.
-  Process(const std::string& output_prefix, std::vector<std::string> arguments,
-          const std::vector<std::string>& environment = {})
-      : out_(output_prefix + ".out"), err_(output_prefix + ".err") {
-    std::vector<std::string> variables = environment;
-    for (char** variable = environ; *variable != nullptr; ++variable) {
-      if (!std::string(*variable).starts_with("ORBITUNE_")) variables.emplace_back(*variable);
-    }
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-    posix_spawn_file_actions_addopen(&actions, 1, out_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    posix_spawn_file_actions_addopen(&actions, 2, err_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    const int error = posix_spawn(&pid_, arguments[0].c_str(), &actions, nullptr, Pointers(arguments).data(),
-                                  Pointers(variables).data());
-    posix_spawn_file_actions_destroy(&actions);
-    if (error != 0) {
-      ADD_FAILURE() << "cannot start " << arguments[0];
-      pid_ = 0;
-    }
-  }
-  ~Process() {
-    if (pid_ == 0) return;
-    Signal(SIGKILL);
-    Wait();
-  }
-  Process(const Process&) = delete;
-  Process& operator=(const Process&) = delete;
-
-  void Signal(int signal) const { kill(pid_, signal); }
-
-  // The exit status, or 128 + the signal that ended it.
-  int Wait() {
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    pid_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  }
-
-  // The exit status, if it has ended by itself.
-  std::optional<int> Ended() {
-    int status = 0;
-    if (pid_ == 0 || waitpid(pid_, &status, WNOHANG) != pid_) return std::nullopt;
-    pid_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  }
-
-  std::string out() const { return Contents(out_); }
-  std::string err() const { return Contents(err_); }
-
- private:
-  static std::vector<char*> Pointers(std::vector<std::string>& texts) {
-    std::vector<char*> pointers;
-    for (std::string& text : texts) pointers.push_back(text.data());
-    pointers.push_back(nullptr);
-    return pointers;
-  }
-
-  const std::string out_;
-  const std::string err_;
-  pid_t pid_ = 0;
-};
-
-// An orbituned that listens.
-class Server {
- public:
-  Server(const std::string& output_prefix, const std::vector<std::string>& arguments,
-         const std::vector<std::string>& environment = {})
-      : process_(std::make_unique<Process>(output_prefix, Command(arguments), environment)) {
-    const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(1);
-    while (address_.empty() && !process_->Ended() && std::chrono::steady_clock::now() < deadline) {
-      const std::vector<std::string> lines = LinesOf(process_->out());
-      // The last line is there once all are.
-      if (lines.size() >= 4) address_ = lines[1].substr(std::string("grpc ").size());
-      std::this_thread::sleep_for(std::chrono::milliseconds(2));
-    }
-    EXPECT_NE(address_, "") << process_->err();
-  }
-
-  static std::vector<std::string> Command(const std::vector<std::string>& arguments) {
-    std::vector<std::string> command = {ORBITUNED};
-    command.insert(command.end(), arguments.begin(), arguments.end());
-    return command;
-  }
-
-  const std::string& address() const { return address_; }
-  Process& process() { return *process_; }
-
-  void KillHard() {
-    process_->Signal(SIGKILL);
-    EXPECT_EQ(process_->Wait(), 128 + SIGKILL);
-  }
-  int Terminate(int signal = SIGTERM) {
-    process_->Signal(signal);
-    return process_->Wait();
-  }
-
- private:
-  std::unique_ptr<Process> process_;
-  std::string address_;
-};
 
 class ProcessTest : public ::testing::Test {
  protected:
@@ -166,7 +42,7 @@ class ProcessTest : public ::testing::Test {
     return {code, process.out(), process.err()};
   }
   Result RunServer(const std::vector<std::string>& arguments, const std::vector<std::string>& environment = {}) {
-    return Run(Server::Command(arguments), environment);
+    return Run(ServerCommand(arguments), environment);
   }
   Result RunCli(const Server& server, const std::vector<std::string>& arguments) {
     std::vector<std::string> command = {ORBITUNE_CLI, "--server", server.address()};
@@ -250,7 +126,7 @@ TEST_F(ProcessTest, SigtermKeepsAJobForTheNextStart) {
   for (const int signal : {SIGTERM, SIGINT}) {
     const auto server = Start("data");
     Client client(server->address());
-    if (name.empty()) name = client.Create(ArsOptions::kMaxIterations);
+    if (name.empty()) name = client.Create(SearchOptions::kMaxIterations);
     const int before = client.Get(name).completed_iterations();
     client.WaitForIterations(name, before + 3);
     Watch watch(client, name, -1);
@@ -302,6 +178,127 @@ TEST_F(ProcessTest, AWatcherThatResumesSeesEachEventOnce) {
   }
 }
 
+// A campaign's members with all that came of them, less the names of its jobs.
+std::string CampaignStory(v1::CampaignService::Stub& campaigns, Client& client, const std::string& name) {
+  v1::ListCampaignMembersRequest request;
+  request.set_parent(name);
+  v1::ListCampaignMembersResponse members;
+  grpc::ClientContext context;
+  EXPECT_TRUE(campaigns.ListCampaignMembers(&context, request, &members).ok());
+  std::string story;
+  for (v1::CampaignMember& member : *members.mutable_members()) {
+    if (!member.job().empty()) story += client.Iterations(member.job()).SerializeAsString();
+    member.clear_job();
+    story += member.SerializeAsString();
+  }
+  return story;
+}
+
+TEST_F(ProcessTest, KillsDoNotShowInACampaign) {
+  std::vector<std::string> stories;
+  std::vector<std::string> results;
+  for (const std::vector<int>& kills : {std::vector<int>{}, {30, 900, 2500}}) {
+    std::string name;
+    std::int64_t seen = 0;
+    for (std::size_t run = 0; run <= kills.size(); ++run) {
+      const auto server = Start(kills.empty() ? "unbroken" : "killed");
+      Client client(server->address());
+      const auto campaigns = v1::CampaignService::NewStub(client.channel());
+      if (name.empty()) {
+        v1::CreateCampaignRequest request;
+        v1::Campaign& campaign = *request.mutable_campaign();
+        *campaign.mutable_scenario_definition() = SmallDefinition(600);
+        campaign.mutable_initial_conditions()->mutable_draw()->set_count(6);
+        campaign.mutable_held_out()->mutable_draw()->set_count(3);
+        campaign.mutable_robust()->mutable_hyperparameters()->set_max_episodes(2000);
+        v1::Campaign created;
+        grpc::ClientContext context;
+        const grpc::Status status = campaigns->CreateCampaign(&context, request, &created);
+        ASSERT_TRUE(status.ok()) << status.error_message();
+        name = created.name();
+      }
+      v1::WatchCampaignRequest watch;
+      watch.set_name(name);
+      watch.set_resume_after_seq(seen);
+      grpc::ClientContext context;
+      const auto reader = campaigns->WatchCampaign(&context, watch);
+      v1::WatchCampaignResponse message;
+      bool killed = false;
+      while (reader->Read(&message)) {
+        if (message.has_snapshot()) continue;
+        if (!message.has_progress()) {
+          ASSERT_EQ(message.seq(), ++seen);
+        } else if (run < kills.size() && !killed && message.progress().tuned().completed_iterations() >= kills[run]) {
+          server->KillHard();
+          killed = true;
+        }
+      }
+      const grpc::Status status = reader->Finish();
+      if (killed) continue;
+      ASSERT_TRUE(status.ok()) << status.error_message();
+      ASSERT_EQ(message.state_change().state(), v1::CAMPAIGN_STATE_SUCCEEDED);
+      results.push_back(message.state_change().results().SerializeAsString());
+      stories.push_back(CampaignStory(*campaigns, client, name));
+      break;
+    }
+  }
+  ASSERT_EQ(stories.size(), 2u);
+  EXPECT_TRUE(stories[0] == stories[1]);
+  EXPECT_TRUE(results[0] == results[1]);
+}
+
+TEST_F(ProcessTest, ACampaignOnTheCommandLine) {
+  const auto server = Start("data");
+  const std::vector<std::string> create = {
+      "campaign", "create",       "--scenario", "gto-geo",    "--count", "3",        "--seed",
+      "7",        "--iterations", "20",         "--held-out", "2",       "--robust", "--robust-episodes",
+      "300",      "--request-id", "mine"};
+  std::vector<std::string> watched = create;
+  watched.push_back("--watch");
+  const Result made = RunCli(*server, watched);
+  EXPECT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("initial condition 3/3  SUCCEEDED  J "));
+  EXPECT_THAT(made.out, HasSubstr("robust tuning  SUCCEEDED"));
+  EXPECT_THAT(made.out, HasSubstr("Reductions in % of the value under K(1), 2 held out initial conditions:"));
+  EXPECT_THAT(made.out, HasSubstr("On the 2 held-out initial conditions "));
+  const std::string name = made.out.substr(0, made.out.find(' '));
+
+  EXPECT_THAT(RunCli(*server, create).out, StartsWith(name));  // the same request
+  std::vector<std::string> other = create;
+  other[5] = "4";
+  EXPECT_EQ(RunCli(*server, other).code, 5);
+  EXPECT_THAT(RunCli(*server, {"campaign", "list", "--state", "succeeded"}).out, HasSubstr(name));
+  EXPECT_THAT(RunCli(*server, {"campaign", "show", name}).out, HasSubstr("drawn over Keplerian elements with seed 7"));
+  EXPECT_EQ(LinesOf(RunCli(*server, {"campaign", "members", name}).out).size(), 7u);
+  EXPECT_EQ(RunCli(*server, {"campaign", "pause", name}).code, 5);
+
+  // What is exported can be tuned for again.
+  EXPECT_EQ(RunCli(*server, {"campaign", "export", name, "-o", File("ics.csv")}).code, 0);
+  const Result again = RunCli(*server, {"campaign", "create", "--scenario", "gto-geo", "--seed", "7", "--iterations",
+                                        "20", "--ics", File("ics.csv"), "--watch", "--json"});
+  EXPECT_EQ(again.code, 0) << again.err;
+  const auto gains = [](const std::string& text) {
+    const std::size_t at = text.find("\"mean_gains\"");
+    return at == std::string::npos ? "none" : text.substr(at, text.find('}', at) - at);
+  };
+  EXPECT_EQ(gains(again.out), gains(RunCli(*server, {"campaign", "show", name, "--json"}).out));
+  EXPECT_NE(gains(again.out), "none");
+
+  EXPECT_EQ(RunCli(*server, {"report", name, "-o", File("campaign.html")}).code, 0);
+  EXPECT_THAT(Contents(File("campaign.html")), HasSubstr("of 3 initial conditions: before (grey) and after"));
+  const std::string members = RunCli(*server, {"campaign", "members", name, "--json"}).out;
+  const std::string job = members.substr(members.find("jobs/"), 17);
+  EXPECT_EQ(RunCli(*server, {"report", job, "-o", File("job.html")}).code, 0);
+  EXPECT_THAT(Contents(File("job.html")), HasSubstr("The gains K over the iterations."));
+  EXPECT_EQ(RunCli(*server, {"report", "campaigns/none", "-o", File("none.html")}).code, 3);
+  EXPECT_EQ(RunCli(*server, {"report", "mine", "-o", File("none.html")}).code, 2);
+
+  EXPECT_EQ(RunCli(*server, {"campaign", "extend", name, "--count", "1", "--watch"}).code, 0);
+  EXPECT_THAT(RunCli(*server, {"campaign", "show", name}).out, HasSubstr("mean over 4"));
+  EXPECT_EQ(RunCli(*server, {"campaign", "delete", name}).code, 0);
+  EXPECT_EQ(RunCli(*server, {"campaign", "show", name}).code, 3);
+}
+
 TEST_F(ProcessTest, ASecondServerOnTheSameDataIsRefused) {
   const auto server = Start("data");
   const Result second = RunServer({"--data-dir", File("data"), "--listen", "127.0.0.1:0"});
@@ -339,6 +336,9 @@ TEST_F(ProcessTest, WrongUsageIsExitStatus2) {
       {{"--listen", "nowhere"}, "HOST:PORT"},
       {{"--listen", "127.0.0.1:70000"}, "[0, 65535]"},
       {{"--listen", ":"}, "HOST:PORT"},
+      {{"--http", "nowhere"}, "HOST:PORT"},
+      {{"--http-cors-origin", "example.org"}, "SCHEME://HOST"},
+      {{"--http-max-connections", "0"}, "--http-max-connections"},
       {{"--config", File("none.toml")}, "none.toml"},
       {{"--data-dir"}, "--data-dir"}};
   for (const auto& [arguments, expected] : cases) {
@@ -352,9 +352,10 @@ TEST_F(ProcessTest, WrongUsageIsExitStatus2) {
 TEST_F(ProcessTest, HelpTellsAll) {
   const Result help = RunServer({"--help"});
   EXPECT_EQ(help.code, 0);
-  for (const char* part : {"--data-dir", "--listen", "--http", "--threads", "--max-running-jobs", "--config",
-                           "--version", "ORBITUNE_DATA_DIR", "ORBITUNE_LISTEN", "ORBITUNE_HTTP", "ORBITUNE_THREADS",
-                           "ORBITUNE_MAX_RUNNING_JOBS", "ORBITUNE_CONFIG", "127.0.0.1:7313", "Exit status"}) {
+  for (const char* part :
+       {"--data-dir", "--listen", "--http", "--web-dir", "--http-cors-origin", "--threads", "--max-running-jobs",
+        "--config", "--version", "ORBITUNE_DATA_DIR", "ORBITUNE_LISTEN", "ORBITUNE_HTTP", "ORBITUNE_THREADS",
+        "ORBITUNE_MAX_RUNNING_JOBS", "ORBITUNE_CONFIG", "127.0.0.1:7313", "Exit status"}) {
     EXPECT_THAT(help.out, HasSubstr(part));
   }
   EXPECT_THAT(RunServer({"--version"}).out, StartsWith("orbituned "));
@@ -394,8 +395,9 @@ TEST_F(ProcessTest, TheFirstLinesTellWhereItListens) {
   const std::vector<std::string> lines = LinesOf(server->process().out());
   EXPECT_THAT(lines[0], StartsWith("orbituned "));
   EXPECT_THAT(lines[1], MatchesRegex("grpc 127.0.0.1:[0-9]+"));
-  EXPECT_EQ(lines[2], "data " + File("data") + "/orbitune.db");
-  EXPECT_THAT(lines[3], StartsWith("threads 1"));
+  EXPECT_THAT(lines[2], MatchesRegex("http 127.0.0.1:[0-9]+"));
+  EXPECT_EQ(lines[3], "data " + File("data") + "/orbitune.db");
+  EXPECT_THAT(lines[4], StartsWith("threads 1"));
 }
 
 TEST_F(ProcessTest, TheCliTunesFromEndToEnd) {
@@ -462,7 +464,7 @@ TEST_F(ProcessTest, TheCliTellsBadInput) {
 TEST_F(ProcessTest, AnInterruptedWatchLeavesItsJob) {
   const auto server = Start("data");
   Client client(server->address());
-  const std::string job = client.Create(ArsOptions::kMaxIterations);
+  const std::string job = client.Create(SearchOptions::kMaxIterations);
   Process watch(NextPrefix(), {ORBITUNE_CLI, "--server", server->address(), "watch", job});
   while (watch.out().find("iteration 3/") == std::string::npos) {
     ASSERT_FALSE(watch.Ended()) << watch.err();

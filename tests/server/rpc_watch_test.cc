@@ -48,8 +48,9 @@ class GatedStore final : public JobStore {
                  Created done) override {
     store_.CreateJob(std::move(id), std::move(spec), now, std::move(request_id), std::move(digest), std::move(done));
   }
-  void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record, Done done) override {
-    store_.AppendIteration(id, seq, record, std::move(done));
+  void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
+                       std::vector<double> checkpoint, Done done) override {
+    store_.AppendIteration(id, seq, record, std::move(checkpoint), std::move(done));
   }
   void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) override {
     store_.ChangeState(id, seq, std::move(change), std::move(done));
@@ -74,6 +75,7 @@ class GatedStore final : public JobStore {
     Pass(Reads::kEvents);
     return events;
   }
+  CampaignStore& campaigns() override { return store_.campaigns(); }
   void Flush() override { store_.Flush(); }
   absl::Status ok_for_now() const override { return store_.ok_for_now(); }
 
@@ -98,7 +100,7 @@ class GatedStore final : public JobStore {
 class WatchTest : public ::testing::Test {
  protected:
   WatchTest() : engine_(directory_.File("jobs.db")) {
-    auto server = RpcServer::Start("127.0.0.1:0", engine_.use_cases());
+    auto server = RpcServer::Start("127.0.0.1:0", api_);
     EXPECT_TRUE(server.ok()) << server.status();
     server_ = *std::move(server);
     client_ = std::make_unique<Client>(server_->address());
@@ -115,7 +117,7 @@ class WatchTest : public ::testing::Test {
   }
   void CommitIteration(const std::string& id, std::int64_t seq, int iteration) {
     const IterationRecord record{.iteration = iteration, .gains = {1, 1, 1, 1, 1}};
-    engine_.store().AppendIteration(id, seq, record, [this, id, seq, record](const absl::Status& status) {
+    engine_.store().AppendIteration(id, seq, record, {}, [this, id, seq, record](const absl::Status& status) {
       EXPECT_TRUE(status.ok()) << status;
       engine_.hub().Publish(id, {.seq = seq, .what = record});
     });
@@ -126,6 +128,7 @@ class WatchTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   Engine engine_;
+  Api api_{engine_.use_cases(), engine_.campaigns()};
   std::unique_ptr<RpcServer> server_;
   std::unique_ptr<Client> client_;
 };
@@ -247,7 +250,7 @@ TEST_F(WatchTest, WhatCannotBeWatchedIsRefused) {
 }
 
 TEST_F(WatchTest, PausesAndResumesAreEvents) {
-  const std::string name = client_->Create(ArsOptions::kMaxIterations);
+  const std::string name = client_->Create(SearchOptions::kMaxIterations);
   Watch watch(*client_, name);
   client_->WaitForIterations(name, 2);
   EXPECT_TRUE(client_->Transition(&v1::TuningService::Stub::PauseJob, name).ok());
@@ -349,7 +352,7 @@ TEST_F(WatchTest, WatchersOfShortJobsAllSeeTheEnd) {
 }
 
 TEST_F(WatchTest, ADrainEndsWatchersWithUnavailable) {
-  const std::string name = client_->Create(ArsOptions::kMaxIterations);
+  const std::string name = client_->Create(SearchOptions::kMaxIterations);
   client_->WaitForIterations(name, 3);
   Watch reading(*client_, name);
   Watch latest(*client_, name, -1, v1::DELIVERY_LATEST);
@@ -375,7 +378,7 @@ TEST_F(WatchTest, ADrainEndsWatchersWithUnavailable) {
 class SlowStoreTest : public WatchTest {
  protected:
   SlowStoreTest() : use_cases_(gated_, engine_.scheduler(), engine_.hub()) {
-    auto server = RpcServer::Start("127.0.0.1:0", use_cases_);
+    auto server = RpcServer::Start("127.0.0.1:0", slow_api_);
     EXPECT_TRUE(server.ok()) << server.status();
     slow_server_ = *std::move(server);
     slow_client_ = std::make_unique<Client>(slow_server_->address());
@@ -387,6 +390,7 @@ class SlowStoreTest : public WatchTest {
 
   GatedStore gated_{engine_.store()};
   UseCases use_cases_;
+  Api slow_api_{use_cases_, engine_.campaigns()};
   std::unique_ptr<RpcServer> slow_server_;
   std::unique_ptr<Client> slow_client_;
 };

@@ -39,7 +39,7 @@ void Write(JobStore& store, int job, std::int64_t seq, int pipe) {
   if (IsChange(seq)) {
     store.ChangeState(JobId(job), seq, ChangeTo(StateAt(seq), seq), done);
   } else {
-    store.AppendIteration(JobId(job), seq, RecordOf(IterationAt(seq)), done);
+    store.AppendIteration(JobId(job), seq, RecordOf(IterationAt(seq)), {}, done);
   }
 }
 

@@ -159,7 +159,8 @@ absl::StatusOr<JobRecord> Create(JobStore& store, const std::string& id, const J
 }
 
 absl::Status Append(JobStore& store, const std::string& id, std::int64_t seq, const IterationRecord& record) {
-  return WaitFor<absl::Status>([&](JobStore::Done done) { store.AppendIteration(id, seq, record, std::move(done)); });
+  return WaitFor<absl::Status>(
+      [&](JobStore::Done done) { store.AppendIteration(id, seq, record, {}, std::move(done)); });
 }
 
 absl::Status Change(JobStore& store, const std::string& id, std::int64_t seq, const StateChange& change) {
@@ -173,7 +174,7 @@ absl::Status Delete(JobStore& store, const std::string& id) {
 void CreateWithIterations(JobStore& store, const std::string& id, int n) {
   ASSERT_TRUE(Create(store, id).ok());
   for (int i = 1; i <= n; ++i) {
-    store.AppendIteration(id, i + 1, RecordOf(i),
+    store.AppendIteration(id, i + 1, RecordOf(i), {},
                           [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; });
   }
   store.Flush();

@@ -1,0 +1,292 @@
+#include "server/api/job_feed.h"
+
+#include <algorithm>
+#include <atomic>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/check.h"
+#include "server/convert/job.h"
+
+namespace orbitune {
+namespace {
+
+constexpr std::size_t kPage = 256;  // events taken at a time
+
+bool EndsJob(const JobEvent& event) {
+  const auto* change = std::get_if<StateChange>(&event.what);
+  return change != nullptr && IsTerminal(change->state);
+}
+
+FeedItem ToItem(const JobEvent& event) {
+  auto message = std::make_unique<v1::WatchJobResponse>();
+  ToProto(event, message.get());
+  const char* kind = message->has_iteration() ? "iteration" : "state_change";
+  return std::make_shared<StreamMessage>(StreamMessage::About{event.seq, kind, EndsJob(event)}, std::move(message));
+}
+
+FeedItem Gap(std::int64_t first_seq, std::int64_t last_seq) {
+  auto message = std::make_unique<v1::WatchJobResponse>();
+  message->set_seq(last_seq);
+  message->mutable_gap()->set_first_seq(first_seq);
+  message->mutable_gap()->set_last_seq(last_seq);
+  return std::make_shared<StreamMessage>(StreamMessage::About{last_seq, "gap"}, std::move(message));
+}
+
+bool IsIteration(const FeedItem& item) { return item->about().kind == "iteration"; }
+bool IsGap(const FeedItem& item) { return item->about().kind == "gap"; }
+
+// At any time a feed is opening or filling (a task reads the store), idle (waiting for the hub's wake), or not asked
+// for anything; all is decided under mutex_.
+class JobFeed final : public Feed {
+ public:
+  JobFeed(const v1::WatchJobRequest& request, const JobFeedContext& context) : request_(request), context_(context) {}
+  ~JobFeed() override { context_.feeds.Remove(this); }
+
+  void Next(std::size_t limit, Taken taken) override {
+    std::unique_lock lock(mutex_);
+    ORBITUNE_CHECK(taken_ == nullptr && limit > 0);
+    limit_ = limit;
+    taken_ = std::move(taken);
+    if (!asked_ && !end_) Post(&JobFeed::Open);
+    asked_ = true;
+    Step(std::move(lock));
+  }
+
+  void End(const absl::Status& status) override { EndWith(std::unique_lock(mutex_), status); }
+
+ private:
+  void Post(void (JobFeed::*task)()) {
+    context_.executors.For(Work::kRead).Post([self = std::static_pointer_cast<JobFeed>(shared_from_this()), task] {
+      (*self.*task)();
+    });
+  }
+
+  // On the executor: the snapshot, before anything else.
+  void Open() {
+    const auto id = IdFromName("jobs", request_.name(), "name");
+    if (!id.ok()) return End(id.status());
+    id_ = *id;
+    // Before the snapshot is read: what is committed after it then wakes us.
+    auto subscription = context_.use_cases.hub().Subscribe(id_, [this] { Wake(); });
+    const auto job = context_.use_cases.GetJob(id_);
+    std::unique_lock lock(mutex_);
+    if (end_) return;
+    subscription_ = std::move(subscription);
+    if (!job.ok()) return EndWith(std::move(lock), job.status());
+    if (absl::Status status = Check(*job); !status.ok()) return EndWith(std::move(lock), status);
+    latest_ = request_.delivery() == v1::DELIVERY_LATEST;
+    sent_seq_ = request_.resume_after_seq() == -1 ? job->last_seq : request_.resume_after_seq();
+    // Nothing will follow a job's end.
+    ended_ = IsTerminal(job->state) && sent_seq_ == job->last_seq;
+    auto snapshot = std::make_unique<v1::WatchJobResponse>();
+    snapshot->set_seq(job->last_seq);
+    ToProto(*job, snapshot->mutable_snapshot());
+    outbox_.push_back(
+        std::make_shared<StreamMessage>(StreamMessage::About{sent_seq_, "snapshot", ended_}, std::move(snapshot)));
+    opened_ = true;
+    Step(std::move(lock));
+  }
+
+  absl::Status Check(const JobRecord& job) const {
+    if (!v1::Delivery_IsValid(request_.delivery())) {
+      return InvalidField("delivery", "EVERY or LATEST", request_.delivery());
+    }
+    if (request_.resume_after_seq() < -1 || request_.resume_after_seq() > job.last_seq) {
+      return InvalidField("resume_after_seq", absl::StrCat("in [-1, ", job.last_seq, "], the job's last"),
+                          static_cast<double>(request_.resume_after_seq()));
+    }
+    return absl::OkStatus();
+  }
+
+  // On the executor: what the hub does not keep (any more).
+  void Fill() {
+    std::int64_t after = 0;
+    {
+      const std::lock_guard lock(mutex_);
+      after = sent_seq_;
+      caught_up_ = true;  // unless a wake comes while the store is read
+    }
+    const auto events = Read(after);
+    std::unique_lock lock(mutex_);
+    filling_ = false;
+    if (!events.ok()) return EndWith(std::move(lock), events.status());
+    if (events->size() == kPage) caught_up_ = false;
+    for (const FeedItem& item : *events) Take(item);
+    Step(std::move(lock));
+  }
+
+  absl::StatusOr<std::vector<FeedItem>> Read(std::int64_t after_seq) const {
+    auto events = context_.use_cases.store().ListEvents(id_, after_seq, kPage);
+    if (!events.ok()) return events.status();
+    std::vector<EventHub::Event> shared;
+    for (JobEvent& event : *events) shared.push_back(std::make_shared<const JobEvent>(std::move(event)));
+    return context_.messages.Of(id_, shared);
+  }
+
+  // From the hub, under its lock: nothing here may wait for mutex_, under which the hub is called. Costs next to
+  // nothing where nobody waits for news.
+  void Wake() {
+    news_ = true;
+    if (!idle_ || waking_.exchange(true)) return;
+    // Not while the last holder is letting go.
+    if (auto self = std::static_pointer_cast<JobFeed>(weak_from_this().lock())) {
+      context_.executors.For(Work::kRead).Post([self = std::move(self)] { self->Woken(); });
+    }
+  }
+
+  void Woken() {
+    waking_ = false;
+    Step(std::unique_lock(mutex_));
+  }
+
+  // Under the lock. LATEST: an iteration still unsent makes room for the next one.
+  void Take(const FeedItem& item) {
+    if (ended_ || item->about().resume_after_seq <= sent_seq_) return;
+    sent_seq_ = item->about().resume_after_seq;
+    ended_ = item->about().last;
+    if (latest_ && IsIteration(item) && !outbox_.empty() && IsIteration(outbox_.back())) SkipLast();
+    outbox_.push_back(item);
+  }
+
+  // Under the lock: turns the iteration at the back into a gap, or widens the gap before it.
+  void SkipLast() {
+    const std::int64_t skipped = outbox_.back()->about().resume_after_seq;
+    outbox_.pop_back();
+    std::int64_t first = skipped;
+    if (!outbox_.empty() && IsGap(outbox_.back())) {
+      first = static_cast<const v1::WatchJobResponse&>(outbox_.back()->message()).gap().first_seq();
+      outbox_.pop_back();
+    }
+    outbox_.push_back(Gap(first, skipped));
+  }
+
+  // Answers Next, or does what has to be done before. Gives the lock back.
+  void Step(std::unique_lock<std::mutex> lock) {
+    if (taken_ == nullptr || (!end_ && !Ready())) return;
+    Batch batch;
+    batch.end = end_;
+    for (; !end_ && batch.items.size() < limit_ && !outbox_.empty(); outbox_.pop_front()) {
+      batch.items.push_back(std::move(outbox_.front()));
+    }
+    idle_ = false;
+    const Taken taken = std::exchange(taken_, nullptr);
+    lock.unlock();
+    taken(std::move(batch));
+  }
+
+  // Under the lock: whether there is something to hand over. If not, what brings it is under way.
+  bool Ready() {
+    if (!opened_ || filling_) return false;
+    do {
+      // LATEST takes what is new before every write, so as to send the newest.
+      if (!ended_ && (latest_ || outbox_.empty()) && !Pull()) return false;
+      if (!outbox_.empty()) return true;
+      if (ended_) {
+        end_ = absl::OkStatus();
+        subscription_ = {};
+        return true;
+      }
+      idle_ = true;   // from here on a wake posts a task
+    } while (news_);  // one that came just before did not
+    return false;
+  }
+
+  // Under the lock: takes what is new. False if the store has to be read first: that is under way then.
+  bool Pull() {
+    if (news_.exchange(false)) caught_up_ = false;
+    while (!ended_) {
+      std::vector<FeedItem> items = context_.messages.After(id_, sent_seq_, kPage);
+      if (items.empty()) {
+        const EventHub::Recent recent = context_.use_cases.hub().After(id_, sent_seq_, kPage);
+        if (!recent.complete && !caught_up_) {
+          filling_ = true;
+          Post(&JobFeed::Fill);
+          return false;
+        }
+        items = context_.messages.Of(id_, recent.events);
+      }
+      for (const FeedItem& item : items) Take(item);
+      if (items.empty() || !latest_) break;
+    }
+    return true;
+  }
+
+  void EndWith(std::unique_lock<std::mutex> lock, const absl::Status& status) {
+    if (end_) return;
+    end_ = status;
+    subscription_ = {};
+    Step(std::move(lock));
+  }
+
+  // Constant after construction.
+  const v1::WatchJobRequest request_;
+  const JobFeedContext context_;
+
+  std::string id_;                    // set by Open
+  std::atomic<bool> news_ = false;    // a wake has come since the hub was last asked
+  std::atomic<bool> idle_ = false;    // Next waits for a wake
+  std::atomic<bool> waking_ = false;  // a wake is posted that has not begun
+
+  std::mutex mutex_;
+  // Guarded by mutex_.
+  Taken taken_;  // while Next is under way
+  std::size_t limit_ = 0;
+  std::deque<FeedItem> outbox_;
+  std::int64_t sent_seq_ = 0;  // the newest in the outbox, or sent
+  bool latest_ = false;
+  bool asked_ = false;
+  bool opened_ = false;
+  bool filling_ = false;
+  bool caught_up_ = false;  // the store has been read to its end (or is being), and no wake has come since
+  bool ended_ = false;      // the event that ends the job is in the outbox, or sent
+  std::optional<absl::Status> end_;
+
+  EventHub::Subscription subscription_;  // guarded by mutex_; ends before all that a wake uses
+};
+
+}  // namespace
+
+std::vector<FeedItem> JobEventMessages::After(const std::string& job_id, std::int64_t after_seq,
+                                              std::size_t limit) const {
+  std::vector<FeedItem> items;
+  const std::lock_guard lock(mutex_);
+  const auto job = jobs_.find(job_id);
+  if (job == jobs_.end()) return items;
+  for (auto found = job->second.find(after_seq + 1); found != job->second.end() && items.size() < limit;
+       found = job->second.find(found->first + 1)) {
+    items.push_back(found->second);
+  }
+  return items;
+}
+
+std::vector<FeedItem> JobEventMessages::Of(const std::string& job_id, const std::vector<EventHub::Event>& events) {
+  std::vector<FeedItem> items;
+  const std::lock_guard lock(mutex_);
+  for (const EventHub::Event& event : events) {
+    FeedItem& kept = jobs_[job_id][event->seq];
+    if (kept == nullptr) {
+      kept = ToItem(*event);
+      kept_.emplace_back(job_id, event->seq);
+    }
+    items.push_back(kept);
+    if (kept_.size() > most_kept_) ForgetOldest();
+  }
+  return items;
+}
+
+void JobEventMessages::ForgetOldest() {
+  const auto& [job_id, seq] = kept_.front();
+  const auto job = jobs_.find(job_id);
+  job->second.erase(seq);
+  if (job->second.empty()) jobs_.erase(job);
+  kept_.pop_front();
+}
+
+std::shared_ptr<Feed> NewJobFeed(const v1::WatchJobRequest& request, const JobFeedContext& context) {
+  auto feed = std::make_shared<JobFeed>(request, context);
+  context.feeds.Add(feed);
+  return feed;
+}
+
+}  // namespace orbitune
