@@ -5,6 +5,7 @@
 // and a single one has all of it within an iteration. Who runs an episode, and when, never shows in a result.
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <deque>
 #include <map>
@@ -66,17 +67,20 @@ class Scheduler {
   void Cancel(const std::string& id, const std::string& etag, Done done);
 
  private:
-  struct Run;    // one stretch of execution, from a start or resume to an end or pause
+  struct Run;  // one stretch of execution, from a start or resume to an end or pause
+  struct BatchOutcome;
   struct Entry;  // an unfinished job
   struct Chunk;  // one unit of work
   using EntryPtr = std::shared_ptr<Entry>;
   using Lock = std::unique_lock<std::mutex>;
 
   void WorkerLoop();
+  bool AwaitChunk(Chunk& chunk, Lock& lock);
+  void Signal();
   bool NextChunk(Chunk& chunk);
   void FinishBatch(const Chunk& last, Lock& lock);
-  void FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record,
-                       std::vector<double> checkpoint);
+  void FinishIterations(Entry& entry, Run& run, BatchOutcome outcome);
+  void Append(Entry& entry, IterationRecord record, std::vector<double> checkpoint);
   void FinishReport(Entry& entry, Run& run);
   void StartWaiting();
   void Begin(Entry& entry);
@@ -98,6 +102,8 @@ class Scheduler {
   std::deque<EntryPtr> waiting_;  // kQueued, in order
   std::deque<EntryPtr> ring_;     // kRunning; the front is served next
   bool stopping_ = false;
+  // Counts signals; written under mutex_ or not, read while waiting for one.
+  std::atomic<std::uint64_t> signals_ = 0;
 
   std::vector<std::thread> workers_;
 };
