@@ -128,13 +128,6 @@ std::string MemberTitle(const CampaignSpec& spec, MemberRole role, int number) {
   return absl::StrCat(spec.display_name, spec.display_name.empty() ? "" : ", ", what, number);
 }
 
-// Of a job's report, where the campaign has not compared yet.
-std::vector<MemberEpisode> EpisodesOf(const JobReport& report, Algorithm algorithm) {
-  return {ToMemberEpisode(GainsChoice::kInitial, report.initial),
-          ToMemberEpisode(GainsChoice::kTuned, TunedGains(report, algorithm)),
-          ToMemberEpisode(GainsChoice::kBest, report.best)};
-}
-
 }  // namespace
 
 // The campaign's spec, and the states of both sets.
