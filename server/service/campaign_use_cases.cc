@@ -59,11 +59,13 @@ absl::Status CheckStates(const Scenario& scenario, const std::vector<OrbitState>
   FieldErrors errors;
   std::size_t faults = 0;
   for (std::size_t i = 0; i < states.size() && faults < kMostNamedFaults; ++i) {
-    const absl::Status status = Prepare(scenario, states[i]).status();
-    if (status.ok()) continue;
+    const std::string path = absl::StrCat(ToAbsl(field), drawn ? ".draw" : ".list", "[", i, "]");
+    const bool given = !std::holds_alternative<std::monostate>(states[i]);
+    const absl::Status status = given ? Prepare(scenario, states[i]).status() : absl::OkStatus();
+    if (given && status.ok()) continue;
     ++faults;
-    AddRenamed(errors, status, "initial_condition",
-               absl::StrCat(ToAbsl(field), drawn ? ".draw" : ".list", "[", i, "]"));
+    if (!given) errors.Add(path, "one form of an orbit", "none");
+    AddRenamed(errors, status, "initial_condition", path);
   }
   return errors.ToStatus();
 }

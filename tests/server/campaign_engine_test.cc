@@ -325,6 +325,9 @@ TEST_F(CampaignTest, EveryFaultIsNamed) {
   state.ex = 1.5;
   hyperbola.initial_conditions.list.push_back(state);
   EXPECT_THAT(fields(hyperbola), ElementsAre("campaign.initial_conditions.list[1].equinoctial.ex"));
+  CampaignRequest none = SmallCampaign(2);
+  none.initial_conditions = {.list = {SmallScenario().chaser, std::monostate()}};
+  EXPECT_THAT(fields(none), ElementsAre("campaign.initial_conditions.list[1]"));
   CampaignRequest step = SmallCampaign(2);
   step.job.search.step_size = -1;
   EXPECT_THAT(fields(step), ElementsAre("campaign.hyperparameters.step_size"));
