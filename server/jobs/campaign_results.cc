@@ -184,9 +184,10 @@ std::string Settles(const GainsComparison& c) {
 }
 
 std::string Describe(const GainsComparison& c) {
-  if (c.compared == 0) return absl::StrFormat("under %s nothing can be compared, %s", TitleOf(c.choice), Settles(c));
-  return absl::StrFormat("under %s the cost is %.1f %% less than under K(1) on average, %.1f %% less at worst, %s",
-                         TitleOf(c.choice), c.cost_percent.average, c.cost_percent.minimum, Settles(c));
+  if (c.compared == 0)
+    return absl::StrFormat("under %s there is nothing to compare, %s", TitleOf(c.choice), Settles(c));
+  return absl::StrFormat("under %s the cost falls by %.1f %% on average and %.1f %% at worst, %s", TitleOf(c.choice),
+                         c.cost_percent.average, c.cost_percent.minimum, Settles(c));
 }
 
 std::string DescribeComparisons(const CampaignResults& results) {
