@@ -9,7 +9,8 @@
 
 namespace orbitune {
 
-// kRunning -> kEvaluating once every job has ended -> kSucceeded, or kFailed where no initial condition's job succeeded.
+// kRunning -> kEvaluating once every job has ended -> kSucceeded, or kFailed where no initial condition's job
+// succeeded.
 enum class CampaignState { kRunning, kPaused, kEvaluating, kSucceeded, kFailed, kCancelled };
 
 // Only an extension leads out of kSucceeded and kFailed, and nothing out of kCancelled.
@@ -122,7 +123,7 @@ struct MemberEnded {
 struct CampaignStateChange {
   CampaignState state = CampaignState::kRunning;
   TimeUs time_us = 0;
-  std::string message;  // why, where kFailed; what was added, where extended
+  std::string message;                     // why, where kFailed; what was added, where extended
   std::optional<CampaignResults> results;  // where kSucceeded
 };
 
@@ -160,8 +161,8 @@ struct CampaignRecord {
 
 struct CampaignMember {
   MemberId id;
-  OrbitState initial_condition;  // std::monostate for a robust member: it has those of the tuned
-  std::string job_id;            // empty: none
+  OrbitState initial_condition;         // std::monostate for a robust member: it has those of the tuned
+  std::string job_id;                   // empty: none
   std::vector<MemberEpisode> episodes;  // once the campaign has succeeded, in the order of GainsChoice
 };
 

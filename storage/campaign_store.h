@@ -28,7 +28,7 @@ struct NewCampaign {
 struct CampaignExtension {
   std::string id;
   std::int64_t seq = 0;  // the campaign's last one + 1
-  CampaignSpec spec;  // as it is from now on
+  CampaignSpec spec;     // as it is from now on
   std::vector<NewMember> members;
   CampaignStateChange change;  // to kRunning
   std::string request_id;

@@ -22,7 +22,7 @@ struct JobFilter {
   std::vector<std::string> scenario_ids;      // any of; empty: every one
   std::vector<std::string> not_scenario_ids;  // none of
   std::vector<Label> labels;                  // all of
-  std::string campaign_id;  // only this one's jobs; empty: only those that are part of none
+  std::string campaign_id;                    // only this one's jobs; empty: only those that are part of none
 };
 
 // Jobs come in a total order: the key, then the id. A page begins behind the last job of the one before.

@@ -64,8 +64,8 @@ void SqliteCampaignStore::Refuse(const absl::Status& fault, Written done) {
 void SqliteCampaignStore::CreateCampaign(NewCampaign campaign, Written done) {
   auto documents = DocumentsOf(campaign.spec, std::move(campaign.members));
   if (!documents.ok()) return Refuse(documents.status(), std::move(done));
-  const auto shared = std::make_shared<const std::pair<NewCampaign, CampaignDocuments>>(std::move(campaign),
-                                                                                        *std::move(documents));
+  const auto shared =
+      std::make_shared<const std::pair<NewCampaign, CampaignDocuments>>(std::move(campaign), *std::move(documents));
   QueueWritten([shared](CampaignTables& tables) { return tables.CreateCampaign(shared->first, shared->second); },
                std::move(done));
 }
@@ -81,8 +81,7 @@ void SqliteCampaignStore::ExtendCampaign(CampaignExtension extension, Written do
 
 void SqliteCampaignStore::AppendMemberEnded(const std::string& id, std::int64_t seq, const MemberEnded& ended,
                                             Done done) {
-  Queue([id, seq, ended](CampaignTables& tables) { return tables.AppendMemberEnded(id, seq, ended); },
-        std::move(done));
+  Queue([id, seq, ended](CampaignTables& tables) { return tables.AppendMemberEnded(id, seq, ended); }, std::move(done));
 }
 
 void SqliteCampaignStore::ChangeState(const std::string& id, std::int64_t seq, CampaignStateChange change, Done done) {

@@ -20,8 +20,8 @@ absl::Status CampaignTables::CheckNextSeq(const std::string& id, std::int64_t se
   if (!row.ok()) return row.status();
   if (!*row) return CampaignNotFound(id);
   if (seq == statement->Int(0) + 1) return absl::OkStatus();
-  return absl::InternalError(absl::StrCat("campaign ", id, ": event ", seq, " cannot follow event ",
-                                          statement->Int(0)));
+  return absl::InternalError(
+      absl::StrCat("campaign ", id, ": event ", seq, " cannot follow event ", statement->Int(0)));
 }
 
 absl::Status CampaignTables::InsertRequest(const std::string& request_id, const std::string& request_digest,
@@ -71,8 +71,8 @@ absl::Status CampaignTables::InsertCampaign(const NewCampaign& campaign, const s
   return InsertStateChange(campaign.id, 1, {.time_us = campaign.time_us, .message = {}, .results = {}});
 }
 
-absl::Status CampaignTables::InsertMembers(const std::string& id, TimeUs time_us,
-                                           const std::vector<MemberRow>& members, WrittenCampaign& written) {
+absl::Status CampaignTables::InsertMembers(const std::string& id, TimeUs time_us, const std::vector<MemberRow>& members,
+                                           WrittenCampaign& written) {
   for (const MemberRow& row : members) {
     const CampaignMember& member = row.member.member;
     std::optional<std::string> job_id;
@@ -130,9 +130,8 @@ absl::Status CampaignTables::AppendMemberEnded(const std::string& id, std::int64
 
 absl::Status CampaignTables::InsertStateChange(const std::string& id, std::int64_t seq,
                                                const CampaignStateChange& change) {
-  return connection_.Run(
-      "INSERT INTO campaign_events (campaign, seq, time_us, state, message) VALUES (?, ?, ?, ?, ?)", id, seq,
-      change.time_us, NameOf(change.state), change.message);
+  return connection_.Run("INSERT INTO campaign_events (campaign, seq, time_us, state, message) VALUES (?, ?, ?, ?, ?)",
+                         id, seq, change.time_us, NameOf(change.state), change.message);
 }
 
 absl::Status CampaignTables::ChangeState(const std::string& id, std::int64_t seq, const CampaignStateChange& change,
@@ -157,10 +156,11 @@ absl::Status CampaignTables::DeleteCampaign(const std::string& id) {
   if (!campaign.ok()) return campaign.status();
   for (const MemberCounts& counts : campaign->counts) {
     if (counts.jobs == counts.ended) continue;
-    return WithReason(absl::FailedPreconditionError(
-                          absl::StrCat("campaigns/", id, ": ", counts.jobs - counts.ended, " of its jobs have not "
-                                       "ended; to delete it, they must have (cancel it first)")),
-                      "CAMPAIGN_STATE");
+    return WithReason(
+        absl::FailedPreconditionError(absl::StrCat("campaigns/", id, ": ", counts.jobs - counts.ended,
+                                                   " of its jobs have not "
+                                                   "ended; to delete it, they must have (cancel it first)")),
+        "CAMPAIGN_STATE");
   }
   const absl::StatusOr<std::vector<std::string>> jobs = ReadJobIdsOf(connection_, id);
   if (!jobs.ok()) return jobs.status();

@@ -1,5 +1,5 @@
-// The events of one campaign: a snapshot, then every one after a seq, read from the store as they come, and between them
-// how far the jobs have got.
+// The events of one campaign: a snapshot, then every one after a seq, read from the store as they come, and between
+// them how far the jobs have got.
 #pragma once
 
 #include "server/api/executor.h"

@@ -1,4 +1,5 @@
-// CampaignService in protobuf, without a transport: decode, call the use case, encode. The methods are as the proto says.
+// CampaignService in protobuf, without a transport: decode, call the use case, encode. The methods are as the proto
+// says.
 #pragma once
 
 #include "google/protobuf/empty.pb.h"
@@ -25,8 +26,7 @@ class CampaignApi {
   absl::Status DeleteCampaign(const v1::DeleteCampaignRequest& request, google::protobuf::Empty* out);
   absl::Status ExtendCampaign(const v1::ExtendCampaignRequest& request, v1::Campaign* out);
   std::shared_ptr<Feed> WatchCampaign(const v1::WatchCampaignRequest& request);
-  absl::Status ListCampaignMembers(const v1::ListCampaignMembersRequest& request,
-                                   v1::ListCampaignMembersResponse* out);
+  absl::Status ListCampaignMembers(const v1::ListCampaignMembersRequest& request, v1::ListCampaignMembersResponse* out);
 
   const CampaignFeedContext context_;
   CampaignUseCases& use_cases_;

@@ -92,7 +92,8 @@ void SetDraw(const std::optional<InitialConditionDraws>& draws, v1::InitialCondi
   out->mutable_draw()->set_count(draws->count);
 }
 
-// Over the campaign's own hyperparameters; but a bound on the episodes of one initial condition is none on those of all.
+// Over the campaign's own hyperparameters; but a bound on the episodes of one initial condition is none on those of
+// all.
 v1::Hyperparameters RobustHyperparameters(const v1::Campaign& campaign) {
   v1::Hyperparameters merged = campaign.hyperparameters();
   merged.clear_algorithm();
@@ -107,8 +108,8 @@ absl::Status OfCampaign(const absl::Status& status, std::string_view prefix) {
   FieldErrors errors;
   for (const FieldViolation& v : FieldViolationsOf(status)) {
     const std::string_view field = v.field;
-    errors.AddViolation({absl::StrCat(ToAbsl(prefix), ToAbsl(field.starts_with("job.") ? field.substr(4) : field)),
-                         v.description});
+    errors.AddViolation(
+        {absl::StrCat(ToAbsl(prefix), ToAbsl(field.starts_with("job.") ? field.substr(4) : field)), v.description});
   }
   return errors.empty() ? status : errors.ToStatus();
 }

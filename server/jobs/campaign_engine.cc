@@ -29,10 +29,9 @@ T Await(const Write& write) {
 
 absl::Status WrongCampaignState(const std::string& id, CampaignState state, std::string_view action,
                                 std::string_view needed) {
-  return WithReason(
-      absl::FailedPreconditionError(absl::StrCat("campaigns/", id, " is ", ToAbsl(NameOf(state)), "; to ",
-                                                 ToAbsl(action), " it, it must be ", ToAbsl(needed))),
-      "CAMPAIGN_STATE");
+  return WithReason(absl::FailedPreconditionError(absl::StrCat("campaigns/", id, " is ", ToAbsl(NameOf(state)), "; to ",
+                                                               ToAbsl(action), " it, it must be ", ToAbsl(needed))),
+                    "CAMPAIGN_STATE");
 }
 
 absl::Status CheckCampaignEtag(const std::string& id, std::int64_t state_changes, const std::string& etag) {
@@ -191,8 +190,7 @@ void CampaignEngine::Stop() {
 }
 
 // mutex_ held.
-void CampaignEngine::AddEntry(const CampaignRecord& record,
-                              const std::vector<std::pair<std::string, MemberId>>& jobs) {
+void CampaignEngine::AddEntry(const CampaignRecord& record, const std::vector<std::pair<std::string, MemberId>>& jobs) {
   auto entry = std::make_shared<Entry>(record);
   entry->jobs.insert(jobs.begin(), jobs.end());
   entries_[record.id] = entry;
@@ -328,8 +326,8 @@ void CampaignEngine::Begin(const WrittenCampaign& written) {
 }
 
 absl::StatusOr<CampaignRecord> CampaignEngine::Extend(const std::string& id, const std::string& etag,
-                                                      const std::string& request_id,
-                                                      const std::string& request_digest, const MakeExtension& make) {
+                                                      const std::string& request_id, const std::string& request_digest,
+                                                      const MakeExtension& make) {
   const std::lock_guard transition(transitions_);
   auto earlier = store_.FindRequest(request_id, request_digest);
   if (!earlier.ok()) return earlier.status();
@@ -399,8 +397,7 @@ void CampaignEngine::Steer(const std::vector<std::string>& jobs, JobTransition t
 }
 
 absl::StatusOr<CampaignRecord> CampaignEngine::Pause(const std::string& id, const std::string& etag) {
-  return Transition(id, etag, "pause", "RUNNING", {CampaignState::kRunning}, CampaignState::kPaused,
-                    &Scheduler::Pause);
+  return Transition(id, etag, "pause", "RUNNING", {CampaignState::kRunning}, CampaignState::kPaused, &Scheduler::Pause);
 }
 
 absl::StatusOr<CampaignRecord> CampaignEngine::Resume(const std::string& id, const std::string& etag) {

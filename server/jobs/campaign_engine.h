@@ -106,7 +106,7 @@ class CampaignEngine {
   std::mutex mutex_;
   std::condition_variable to_evaluate_;
   // Guarded by mutex_.
-  std::map<std::string, EntryPtr> entries_;        // of the unfinished campaigns
+  std::map<std::string, EntryPtr> entries_;              // of the unfinished campaigns
   std::map<std::string, EntryPtr, std::less<>> by_job_;  // of their jobs that have not ended
   std::deque<EntryPtr> evaluations_;
   bool stopping_ = false;

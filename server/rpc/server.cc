@@ -77,8 +77,8 @@ class Campaigns final : public ApiService<v1::CampaignService> {
   Reactor* ExtendCampaign(Context* context, const v1::ExtendCampaignRequest* request, v1::Campaign* out) override {
     return Call("ExtendCampaign", context, request, out);
   }
-  grpc::ServerWriteReactor<v1::WatchCampaignResponse>* WatchCampaign(
-      Context*, const v1::WatchCampaignRequest* request) override {
+  grpc::ServerWriteReactor<v1::WatchCampaignResponse>* WatchCampaign(Context*,
+                                                                     const v1::WatchCampaignRequest* request) override {
     return Stream<v1::WatchCampaignResponse>("WatchCampaign", request);
   }
   Reactor* ListCampaignMembers(Context* context, const v1::ListCampaignMembersRequest* request,
@@ -110,7 +110,8 @@ class Simulation final : public ApiService<v1::SimulationService> {
 
 class RpcServerImpl final : public RpcServer {
  public:
-  RpcServerImpl(const std::string& address, Api& api) : api_(api), tuning_(api), campaigns_(api), scenarios_(api), simulation_(api) {
+  RpcServerImpl(const std::string& address, Api& api)
+      : api_(api), tuning_(api), campaigns_(api), scenarios_(api), simulation_(api) {
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.

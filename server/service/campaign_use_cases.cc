@@ -18,8 +18,8 @@ void AddRenamed(FieldErrors& errors, const absl::Status& status, std::string_vie
   for (const FieldViolation& v : FieldViolationsOf(status)) {
     const std::string_view field = v.field;
     const bool known = field.starts_with(from);
-    errors.AddViolation({absl::StrCat(ToAbsl(to), known ? "" : ".", ToAbsl(known ? field.substr(from.size()) : field)),
-                         v.description});
+    errors.AddViolation(
+        {absl::StrCat(ToAbsl(to), known ? "" : ".", ToAbsl(known ? field.substr(from.size()) : field)), v.description});
   }
 }
 

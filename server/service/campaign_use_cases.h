@@ -76,8 +76,8 @@ class CampaignUseCases {
   absl::StatusOr<Resolved> Resolve(const CampaignRequest& request) const;
   absl::StatusOr<RobustTuning> ResolveRobust(const CampaignRequest& request,
                                              const std::vector<OrbitState>& tuned) const;
-  static std::vector<NewMember> MakeMembers(const std::string& id, const CampaignSpec& spec, MemberRole role,
-                                            int first, const std::vector<OrbitState>& states);
+  static std::vector<NewMember> MakeMembers(const std::string& id, const CampaignSpec& spec, MemberRole role, int first,
+                                            const std::vector<OrbitState>& states);
   static NewMember MakeRobustMember(const std::string& id, const CampaignSpec& spec, int number,
                                     const std::vector<OrbitState>& tuned);
   static absl::StatusOr<std::vector<OrbitState>> MoreStates(CampaignSpec& spec, const InitialConditionSource& more);

@@ -311,10 +311,10 @@ absl::StatusOr<JobRecord> UseCases::Await(Transition transition, const std::stri
 absl::Status UseCases::CheckAlone(const std::string& id, std::string_view action) const {
   const auto record = store_.GetJob(id);
   if (!record.ok() || record->spec.campaign_id.empty()) return record.status();
-  return WithReason(absl::FailedPreconditionError(absl::StrCat("jobs/", id, " is part of campaigns/",
-                                                               record->spec.campaign_id, ": ", ToAbsl(action),
-                                                               " that")),
-                    "CAMPAIGN_MEMBER");
+  return WithReason(
+      absl::FailedPreconditionError(
+          absl::StrCat("jobs/", id, " is part of campaigns/", record->spec.campaign_id, ": ", ToAbsl(action), " that")),
+      "CAMPAIGN_MEMBER");
 }
 
 absl::StatusOr<JobRecord> UseCases::PauseJob(const std::string& id, const std::string& etag) {

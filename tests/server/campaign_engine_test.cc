@@ -217,8 +217,9 @@ TEST_F(CampaignTest, ItsJobsAreHaltedWithItAndNotAlone) {
   request.job = JobOf(EndlessScenario());
   const std::string id = Create(request);
   const std::string job = Members(id)[0].job->id;
-  for (const auto& status : {engine_->use_cases().PauseJob(job, "").status(),
-                             engine_->use_cases().ResumeJob(job, "").status(), engine_->use_cases().DeleteJob(job, "")}) {
+  for (const auto& status :
+       {engine_->use_cases().PauseJob(job, "").status(), engine_->use_cases().ResumeJob(job, "").status(),
+        engine_->use_cases().DeleteJob(job, "")}) {
     EXPECT_EQ(ReasonOf(status), "CAMPAIGN_MEMBER") << status;
   }
   EXPECT_TRUE(engine_->use_cases().CancelJob(job, "").ok());

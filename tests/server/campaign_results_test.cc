@@ -51,7 +51,8 @@ TEST(CampaignStatistics, TunedGainsAreTheLastOfArsAndTheBestOfOthers) {
 // A member whose job found `gains`, as the engine would have it.
 EndedMember TunedMember(const Scenario& scenario, int number, const OrbitState& state, const Gains& gains) {
   EndedMember member;
-  member.member = {.id = {MemberRole::kTuned, number}, .initial_condition = state, .job_id = absl::StrCat("job", number)};
+  member.member = {
+      .id = {MemberRole::kTuned, number}, .initial_condition = state, .job_id = absl::StrCat("job", number)};
   const auto prepared = Prepare(scenario, state);
   EXPECT_TRUE(prepared.ok());
   const auto assess = [&](const Gains& k) {
@@ -85,8 +86,7 @@ class CompareGainsTest : public testing::Test {
   }
 
   EndedMember HeldOut(int number, double p_offset_km) const {
-    return {.member = {.id = {MemberRole::kHeldOut, number},
-                       .initial_condition = Start(spec_.scenario, p_offset_km)}};
+    return {.member = {.id = {MemberRole::kHeldOut, number}, .initial_condition = Start(spec_.scenario, p_offset_km)}};
   }
 
   CampaignOutcome Compare() {

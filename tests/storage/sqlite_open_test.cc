@@ -147,7 +147,7 @@ TEST_F(SqliteOpen, SaysThatAFileIsCutOff) {
 
 // Anything may have been overwritten: what cannot be read is an error, never a crash.
 TEST_F(SqliteOpen, SurvivesDamageAnywhere) {
-  MakeDatabase(300);
+  MakeDatabase(600);
   const std::string whole = FileContents(Database());
   std::mt19937 random(5);
   int errors = 0;
@@ -164,7 +164,7 @@ TEST_F(SqliteOpen, SurvivesDamageAnywhere) {
     errors += (*store)->GetJob("a").ok() ? 0 : 1;
     errors += (*store)->ListJobs({}).ok() ? 0 : 1;
     errors += (*store)->ListEvents("a", 0, 1000).ok() ? 0 : 1;
-    errors += Append(**store, "a", 302, RecordOf(301)).ok() ? 0 : 1;
+    errors += Append(**store, "a", 602, RecordOf(601)).ok() ? 0 : 1;
     (void)Delete(**store, "a");
     (void)Create(**store, "b");
   }
