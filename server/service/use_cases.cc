@@ -137,7 +137,8 @@ void CheckEnsemble(FieldErrors& errors, const NewJob& job) {
 }
 
 // The spec a job runs with, everything filled in.
-absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
+// start: the gains that job.warm_start names.
+absl::StatusOr<JobSpec> Resolve(const NewJob& job, const std::optional<Gains>& start) {
   FieldErrors errors;
   CheckLength(errors, "display_name", job.display_name, kLongestName);
   CheckLabels(errors, job.labels);
@@ -153,6 +154,7 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
     spec.scenario = *std::move(scenario);
     SearchOptions& search = spec.scenario.search;
     job.search.ApplyTo(search);
+    if (start) search.initial_gains = WithinBounds(search, *start);
     const bool own = std::holds_alternative<std::monostate>(job.initial_condition);
     spec.initial_condition = !job.initial_conditions.empty() ? job.initial_conditions.front()
                              : own                           ? spec.scenario.chaser
