@@ -225,16 +225,18 @@ bool SearchOverrides::Sets(std::string_view field) const {
 }
 
 absl::StatusOr<JobSpec> UseCases::ResolveJob(const NewJob& job) {
-  absl::StatusOr<JobSpec> spec = Resolve(job);
-  if (!spec.ok() || job.warm_start.empty()) return spec;
+  if (job.warm_start.empty()) return Resolve(job, std::nullopt);
   FieldErrors errors;
   if (job.search.initial_gains) errors.Add("warm_start", "empty where initial_gains are given", job.warm_start);
-  absl::Status status = errors.ToStatus();
+  const absl::StatusOr<WarmStart> start =
+      errors.empty() ? FindWarmStart(store_, gain_sets_, job.warm_start) : absl::StatusOr<WarmStart>(errors.ToStatus());
+  absl::Status status = start.status();
   if (status.ok()) {
-    const auto start = FindWarmStart(store_, gain_sets_, job.warm_start);
-    status = start.ok() ? ApplyWarmStart(*start, *spec) : start.status();
+    absl::StatusOr<JobSpec> spec = Resolve(job, start->gains);
+    if (!spec.ok()) return spec;
+    status = CheckUnits(*start, *spec);
+    if (status.ok()) return spec;
   }
-  if (status.ok()) return spec;
   if (!absl::IsInvalidArgument(status)) return status;
   FieldErrors in_job;
   in_job.Merge("job", status);
