@@ -156,16 +156,18 @@ TEST_F(SearchJobsTest, TheReportOfARobustJobIsOverItsInitialConditions) {
   const GainsAssessment& best = ended.report->best;
   ASSERT_TRUE(best.ensemble);
   std::vector<double> costs, reductions, samples;
+  int settled = 0;
   for (const OrbitState& start : ended.spec.initial_conditions) {
     const PreparedScenario prepared = *Prepare(ended.spec.scenario, start);
     const EpisodeResult result = SimulateAlone(prepared, best.gains);
     costs.push_back(result.cost);
+    if (result.outcome == Outcome::kSettled) ++settled;
     samples.push_back(result.settling_samples);
     reductions.push_back(100 * (1 - result.cost / SimulateAlone(prepared, ended.report->initial.gains).cost));
   }
   const auto mean = [](const std::vector<double>& v) { return std::accumulate(v.begin(), v.end(), 0.0) / 3; };
   EXPECT_EQ(best.ensemble->initial_conditions, 3);
-  EXPECT_EQ(best.ensemble->settled, 3);
+  EXPECT_EQ(best.ensemble->settled, settled);
   EXPECT_EQ(best.ensemble->objective, ended.best->cost);
   EXPECT_NEAR(best.ensemble->cost.mean / mean(costs), 1, 1e-4);
   EXPECT_NEAR(best.ensemble->cost.max / std::ranges::max(costs), 1, 1e-4);
