@@ -1,11 +1,34 @@
 #include "server/api/executor.h"
 
+#include <sys/resource.h>
+#include <unistd.h>
+
 #include <utility>
 
 namespace orbitune {
 
-Executor::Executor(int threads, std::size_t most_queued) : most_queued_(most_queued) {
-  for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Loop(); });
+void YieldToWorkers() {
+  constexpr int kSteps = 10;
+  const auto thread = static_cast<id_t>(gettid());
+  setpriority(PRIO_PROCESS, thread, getpriority(PRIO_PROCESS, thread) + kSteps);  // downwards: always allowed
+}
+
+Executor& Executors::For(Work work) {
+  switch (work) {
+    case Work::kRead:
+      return reads_;
+    case Work::kWrite:
+      return writes_;
+    case Work::kEpisode:
+      return episodes_;
+    case Work::kStream:
+      return streams_;
+  }
+  return reads_;
+}
+
+Executor::Executor(int threads, std::size_t most_queued, bool yields) : most_queued_(most_queued) {
+  for (int i = 0; i < threads; ++i) threads_.emplace_back([this, yields] { Loop(yields); });
 }
 
 Executor::~Executor() {
@@ -35,7 +58,8 @@ bool Executor::TryPost(std::function<void()> task) {
   return true;
 }
 
-void Executor::Loop() {
+void Executor::Loop(bool yields) {
+  if (yields) YieldToWorkers();
   std::unique_lock lock(mutex_);
   while (true) {
     ready_.wait(lock, [this] { return ending_ || !tasks_.empty(); });

@@ -13,7 +13,8 @@ namespace orbitune {
 // Thread-safe.
 class Executor {
  public:
-  Executor(int threads, std::size_t most_queued);
+  // yields: its threads step back behind the jobs' workers where the processor is busy.
+  Executor(int threads, std::size_t most_queued, bool yields = false);
   Executor(const Executor&) = delete;
   Executor& operator=(const Executor&) = delete;
   ~Executor();  // runs what is queued, then ends
@@ -24,7 +25,7 @@ class Executor {
   bool TryPost(std::function<void()> task);
 
  private:
-  void Loop();
+  void Loop(bool yields);
 
   const std::size_t most_queued_;
 
@@ -38,17 +39,22 @@ class Executor {
 };
 
 // What a call keeps busy, and with it how long it may.
-enum class Work { kRead, kWrite, kEpisode };
+enum class Work { kRead, kWrite, kEpisode, kStream };
+
+// Lets the calling thread step back behind the jobs' workers (by 10 steps of nice: to a tenth of their weight), so that
+// however many watch, a job goes on. It still runs at once where a processor is idle.
+void YieldToWorkers();
 
 // Threads by how long their work may block: neither a disk that hangs nor a long episode keeps a read waiting.
 class Executors {
  public:
-  Executor& For(Work work) { return work == Work::kRead ? reads_ : work == Work::kWrite ? writes_ : episodes_; }
+  Executor& For(Work work);
 
  private:
   Executor reads_{4, 10'000};
   Executor writes_{4, 10'000};
   Executor episodes_{2, 256};
+  Executor streams_{2, 10'000, true};
 };
 
 }  // namespace orbitune

@@ -371,7 +371,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   // The feed may read the store and makes JSON: on a thread for that.
   void AskFeed(const Stream& stream) {
     core_.api.executors()
-        .For(Work::kRead)
+        .For(Work::kStream)
         .Post([core = core_.shared_from_this(), feed = stream.feed, slot = stream.slot, sse = stream.sse] {
           feed->Next(kBatch, [core, slot, sse](const Feed::Batch& batch) { slot->Put(core, ToChunk(batch, sse)); });
         });
@@ -540,7 +540,10 @@ class HttpServerImpl final : public HttpServer {
     core_->gateway = std::make_shared<Gateway>(
         core_->api, rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback});
     net::co_spawn(core_->io, Accept(*core_, acceptor_), Report(*core_));
-    thread_ = std::thread([this] { core_->io.run(); });
+    thread_ = std::thread([this] {
+      YieldToWorkers();
+      core_->io.run();
+    });
   }
 
   const std::string& address() const override { return address_; }
