@@ -1,17 +1,8 @@
 #include "server/api/executor.h"
 
-#include <sys/resource.h>
-#include <unistd.h>
-
 #include <utility>
 
 namespace orbitune {
-
-void YieldToWorkers() {
-  constexpr int kSteps = 10;
-  const auto thread = static_cast<id_t>(gettid());
-  setpriority(PRIO_PROCESS, thread, getpriority(PRIO_PROCESS, thread) + kSteps);  // downwards: always allowed
-}
 
 Executor& Executors::For(Work work) {
   switch (work) {
@@ -27,8 +18,8 @@ Executor& Executors::For(Work work) {
   return reads_;
 }
 
-Executor::Executor(int threads, std::size_t most_queued, bool yields) : most_queued_(most_queued) {
-  for (int i = 0; i < threads; ++i) threads_.emplace_back([this, yields] { Loop(yields); });
+Executor::Executor(int threads, std::size_t most_queued) : most_queued_(most_queued) {
+  for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Loop(); });
 }
 
 Executor::~Executor() {
@@ -58,8 +49,7 @@ bool Executor::TryPost(std::function<void()> task) {
   return true;
 }
 
-void Executor::Loop(bool yields) {
-  if (yields) YieldToWorkers();
+void Executor::Loop() {
   std::unique_lock lock(mutex_);
   while (true) {
     ready_.wait(lock, [this] { return ending_ || !tasks_.empty(); });

@@ -13,8 +13,7 @@ namespace orbitune {
 // Thread-safe.
 class Executor {
  public:
-  // yields: its threads step back behind the jobs' workers where the processor is busy.
-  Executor(int threads, std::size_t most_queued, bool yields = false);
+  Executor(int threads, std::size_t most_queued);
   Executor(const Executor&) = delete;
   Executor& operator=(const Executor&) = delete;
   ~Executor();  // runs what is queued, then ends
@@ -25,7 +24,7 @@ class Executor {
   bool TryPost(std::function<void()> task);
 
  private:
-  void Loop(bool yields);
+  void Loop();
 
   const std::size_t most_queued_;
 
@@ -41,11 +40,8 @@ class Executor {
 // What a call keeps busy, and with it how long it may.
 enum class Work { kRead, kWrite, kEpisode, kStream };
 
-// Lets the calling thread step back behind the jobs' workers (by 10 steps of nice: to a tenth of their weight), so that
-// however many watch, a job goes on. It still runs at once where a processor is idle.
-void YieldToWorkers();
-
-// Threads by how long their work may block: neither a disk that hangs nor a long episode keeps a read waiting.
+// Threads by how long their work may block: neither a disk that hangs nor a long episode keeps a read waiting,
+// and however many watch, others are answered.
 class Executors {
  public:
   Executor& For(Work work);
@@ -54,7 +50,7 @@ class Executors {
   Executor reads_{4, 10'000};
   Executor writes_{4, 10'000};
   Executor episodes_{2, 256};
-  Executor streams_{2, 10'000, true};
+  Executor streams_{2, 10'000};
 };
 
 }  // namespace orbitune

@@ -46,12 +46,12 @@ using rest::HttpRequest;
 using rest::StreamReply;
 
 constexpr auto kAwait = net::as_tuple(net::use_awaitable);
-constexpr std::size_t kBatch = 128;             // events in one write: bounds what is held for a reader
+constexpr std::size_t kBatch = 256;             // events in one write: bounds what is held for a reader
 constexpr std::size_t kMostIgnored = 64 << 10;  // bytes that a watcher may send without being asked
 constexpr std::chrono::milliseconds kLinger{1000};
 // With many watchers each is written to less often, and more at a time.
-constexpr std::chrono::microseconds kPacePerStream{200};
-constexpr std::chrono::microseconds kSlowestPace{100'000};
+constexpr std::chrono::microseconds kPacePerStream{400};
+constexpr std::chrono::microseconds kSlowestPace{200'000};
 constexpr int kStreamSendBuffer = 256 << 10;  // what the system holds for a reader, likewise
 
 class Connection;
@@ -540,10 +540,7 @@ class HttpServerImpl final : public HttpServer {
     core_->gateway = std::make_shared<Gateway>(
         core_->api, rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback});
     net::co_spawn(core_->io, Accept(*core_, acceptor_), Report(*core_));
-    thread_ = std::thread([this] {
-      YieldToWorkers();
-      core_->io.run();
-    });
+    thread_ = std::thread([this] { core_->io.run(); });
   }
 
   const std::string& address() const override { return address_; }

@@ -116,10 +116,7 @@ class Bench {
     CommitTimes times(static_cast<std::size_t>(before + iterations_ + 3), static_cast<std::size_t>(before));
     const auto subscription = hub_.Subscribe(created->id, [&times] { times.Next(); });
     Row row;
-    std::thread reader([&] {
-      YieldToWorkers();  // as if it were another machine's
-      row.delays_ms = Follow(connections, times, before);
-    });
+    std::thread reader([&] { row.delays_ms = Follow(connections, times, before); });
     const auto begin = Clock::now();
     ORBITUNE_CHECK(use_cases_->ResumeJob(created->id, "").ok());
     while (!IsTerminal(use_cases_->GetJob(created->id)->state)) {
