@@ -1,0 +1,136 @@
+#include "core/library/query.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/base/check.h"
+
+namespace orbitune {
+namespace {
+
+// Of the candidates, the share that gains for several initial conditions may take, the newest of them.
+constexpr int kGeneralShare = 4;
+
+// The nearest gain sets that each weighted mean is made of.
+constexpr std::size_t kMeansOf[] = {4, 12};
+
+class CandidateList {
+ public:
+  explicit CandidateList(std::size_t most) : most_(most) {}
+
+  void Add(Candidate candidate) {
+    const auto same = [&](const Candidate& other) { return other.gains == candidate.gains; };
+    if (list_.size() < most_ && std::ranges::none_of(list_, same)) list_.push_back(std::move(candidate));
+  }
+  std::size_t room() const { return most_ - list_.size(); }
+  std::vector<Candidate> Take() && { return std::move(list_); }
+
+ private:
+  const std::size_t most_;
+  std::vector<Candidate> list_;
+};
+
+// Geometric, weighted by 1 / (d^2 + d_1^2): the nearest counts at most half of a farther one's... 
+Gains WeightedMean(std::span<const ScenarioLibrary::Neighbour> nearest) {
+  // So that a start beside a stored one does not take that one's gains alone.
+  const double softening = nearest.front().distance * nearest.front().distance + 1e-12;
+  Gains mean{};
+  double weights = 0;
+  for (const auto& [entry, distance] : nearest) {
+    const double weight = 1 / (distance * distance + softening);
+    weights += weight;
+    for (std::size_t i = 0; i < kGainCount; ++i) mean[i] += weight * std::log(entry.gains[i]);
+  }
+  for (double& gain : mean) gain = std::exp(gain / weights);
+  return mean;
+}
+
+Candidate Stored(const LibraryEntry& entry, double distance) {
+  return {.source = Candidate::Source::kStored,
+          .gains = entry.gains,
+          .gain_set_id = entry.id,
+          .kind = entry.kind,
+          .distance = distance};
+}
+
+int RankOf(Outcome outcome) {
+  switch (outcome) {
+    case Outcome::kSettled:
+      return 0;
+    case Outcome::kNotSettled:
+      return 1;
+    case Outcome::kLeftDomain:
+    case Outcome::kNumericalFailure:
+      break;
+  }
+  return 2;
+}
+
+}  // namespace
+
+std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const ErrorState& x,
+                                        const Gains& initial_gains, const QueryOptions& options,
+                                        LibraryPosition& position) {
+  const auto most = static_cast<std::size_t>(options.max_candidates);
+  CandidateList list(most);
+  position = {};
+  if (library == nullptr) {
+    list.Add({.source = Candidate::Source::kInitial, .gains = initial_gains});
+    return std::move(list).Take();
+  }
+  const auto around = library->Around(x, most, (most + kGeneralShare - 1) / kGeneralShare);
+  position = around.position;
+  // Were there room for one candidate only, it is the nearest.
+  if (!around.nearest.empty()) list.Add(Stored(around.nearest.front().entry, around.nearest.front().distance));
+  for (const LibraryEntry& entry : around.general) list.Add(Stored(entry, kUnset));
+  for (const std::size_t count : kMeansOf) {
+    const std::span nearest = std::span(around.nearest).first(std::min(count, around.nearest.size()));
+    if (nearest.size() > 1) list.Add({.source = Candidate::Source::kWeightedMean, .gains = WeightedMean(nearest)});
+  }
+  if (around.position.located > 1) list.Add({.source = Candidate::Source::kLibraryMean, .gains = *around.mean});
+  list.Add({.source = Candidate::Source::kInitial, .gains = initial_gains});
+  for (const auto& [entry, distance] : around.nearest) list.Add(Stored(entry, distance));
+  return std::move(list).Take();
+}
+
+bool RanksBefore(const EpisodeResult& a, const EpisodeResult& b) {
+  const int rank_a = RankOf(a.outcome);
+  const int rank_b = RankOf(b.outcome);
+  return rank_a != rank_b ? rank_a < rank_b : HasCost(a.outcome) && a.cost < b.cost;
+}
+
+QueryAnswer Measure(const PreparedScenario& prepared, const Candidate& candidate, const EpisodeResult& result) {
+  WatchedEpisode episode = FlyWatched(prepared.problem, candidate.gains, {.early_exit = true});
+  // The two simulators agree to the integration's tolerance only; what was ranked is what is answered.
+  if (HasCost(result.outcome)) {
+    episode.result.outcome = result.outcome;
+    episode.result.cost = result.cost;
+    episode.result.settling_samples = result.settling_samples;
+    episode.result.fuel_sum = result.fuel_sum;
+  }
+  return {candidate, ToFlight(episode, prepared, candidate.gains)};
+}
+
+QueryResult QueryLibrary(const ScenarioLibrary* library, const PreparedScenario& prepared, const Gains& initial_gains,
+                         const QueryOptions& options, const Evaluate& evaluate) {
+  ORBITUNE_CHECK(options.max_candidates > 0 && options.max_answers > 0);
+  QueryResult query;
+  const std::vector<Candidate> candidates =
+      ChooseCandidates(library, prepared.problem.initial_error, initial_gains, options, query.position);
+  std::vector<Gains> gains;
+  for (const Candidate& candidate : candidates) gains.push_back(candidate.gains);
+  std::vector<EpisodeResult> results(gains.size());
+  evaluate(gains, results);
+
+  std::vector<std::size_t> order(candidates.size());
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+  std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) { return RanksBefore(results[a], results[b]); });
+  query.candidates = static_cast<int>(candidates.size());
+  query.candidates_settled =
+      static_cast<int>(std::ranges::count(results, Outcome::kSettled, &EpisodeResult::outcome));
+  order.resize(std::min(order.size(), static_cast<std::size_t>(options.max_answers)));
+  for (const std::size_t i : order) query.answers.push_back(Measure(prepared, candidates[i], results[i]));
+  return query;
+}
+
+}  // namespace orbitune
