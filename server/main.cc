@@ -78,7 +78,8 @@ int Serve(const ServerConfig& config) {
   Scheduler scheduler(**store, hub, {.threads = config.threads, .max_running_jobs = config.max_running_jobs});
   UseCases use_cases(**store, scheduler, hub);
   if (absl::Status status = scheduler.Start(); !status.ok()) return Fail(status);
-  auto server = RpcServer::Start(config.listen, use_cases);
+  Api api(use_cases);
+  auto server = RpcServer::Start(config.listen, api);
   if (!server.ok()) return Fail(server.status());
 
   std::printf("orbituned " ORBITUNE_VERSION "\ngrpc %s\ndata %s\nthreads %d, %s\n", (*server)->address().c_str(),

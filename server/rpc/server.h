@@ -1,18 +1,19 @@
-// The gRPC server: the three services over the service layer, health checking and reflection.
+// The gRPC server: the services of the API, health checking and reflection.
 #pragma once
 
 #include <chrono>
 #include <memory>
 #include <string>
 
-#include "server/service/use_cases.h"
+#include "absl/status/statusor.h"
+#include "server/api/api.h"
 
 namespace orbitune {
 
 class RpcServer {
  public:
-  // Listens on `address` (HOST:PORT, port 0: any free one), or says why it cannot. use_cases: outlives the server.
-  static absl::StatusOr<std::unique_ptr<RpcServer>> Start(const std::string& address, UseCases& use_cases);
+  // Listens on `address` (HOST:PORT, port 0: any free one), or says why it cannot. api: outlives the server.
+  static absl::StatusOr<std::unique_ptr<RpcServer>> Start(const std::string& address, Api& api);
 
   virtual ~RpcServer() = default;
 
@@ -22,7 +23,7 @@ class RpcServer {
   // What health checking answers, until Shutdown.
   virtual void SetServing(bool serving) = 0;
 
-  // Health says NOT_SERVING, watchers are ended with UNAVAILABLE, calls in flight get `grace`, and it is over.
+  // Health says NOT_SERVING, the API's streams are ended with UNAVAILABLE, calls in flight get `grace`, and it is over.
   virtual void Shutdown(std::chrono::milliseconds grace) = 0;
 };
 

@@ -144,7 +144,8 @@ JobRow RunThroughServer(int jobs, int threads, int iterations) {
     Scheduler scheduler(**store, hub, {.threads = threads});
     UseCases use_cases(**store, scheduler, hub);
     ORBITUNE_CHECK(scheduler.Start().ok());
-    auto server = RpcServer::Start("127.0.0.1:0", use_cases);
+    Api api(use_cases);
+    auto server = RpcServer::Start("127.0.0.1:0", api);
     ORBITUNE_CHECK(server.ok());
     const auto stub =
         v1::TuningService::NewStub(grpc::CreateChannel((*server)->address(), grpc::InsecureChannelCredentials()));

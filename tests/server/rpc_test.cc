@@ -31,7 +31,7 @@ constexpr std::size_t kTenMegabytes = 10 << 20;
 class RpcTest : public ::testing::Test {
  protected:
   RpcTest() : engine_(directory_.File("jobs.db")) {
-    auto server = RpcServer::Start("127.0.0.1:0", engine_.use_cases());
+    auto server = RpcServer::Start("127.0.0.1:0", api_);
     EXPECT_TRUE(server.ok()) << server.status();
     server_ = *std::move(server);
     client_ = std::make_unique<Client>(server_->address());
@@ -71,6 +71,7 @@ class RpcTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   Engine engine_;
+  Api api_{engine_.use_cases()};
   std::unique_ptr<RpcServer> server_;
   std::unique_ptr<Client> client_;
   std::string running_;

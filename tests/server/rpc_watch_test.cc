@@ -98,7 +98,7 @@ class GatedStore final : public JobStore {
 class WatchTest : public ::testing::Test {
  protected:
   WatchTest() : engine_(directory_.File("jobs.db")) {
-    auto server = RpcServer::Start("127.0.0.1:0", engine_.use_cases());
+    auto server = RpcServer::Start("127.0.0.1:0", api_);
     EXPECT_TRUE(server.ok()) << server.status();
     server_ = *std::move(server);
     client_ = std::make_unique<Client>(server_->address());
@@ -126,6 +126,7 @@ class WatchTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   Engine engine_;
+  Api api_{engine_.use_cases()};
   std::unique_ptr<RpcServer> server_;
   std::unique_ptr<Client> client_;
 };
@@ -375,7 +376,7 @@ TEST_F(WatchTest, ADrainEndsWatchersWithUnavailable) {
 class SlowStoreTest : public WatchTest {
  protected:
   SlowStoreTest() : use_cases_(gated_, engine_.scheduler(), engine_.hub()) {
-    auto server = RpcServer::Start("127.0.0.1:0", use_cases_);
+    auto server = RpcServer::Start("127.0.0.1:0", slow_api_);
     EXPECT_TRUE(server.ok()) << server.status();
     slow_server_ = *std::move(server);
     slow_client_ = std::make_unique<Client>(slow_server_->address());
@@ -387,6 +388,7 @@ class SlowStoreTest : public WatchTest {
 
   GatedStore gated_{engine_.store()};
   UseCases use_cases_;
+  Api slow_api_{use_cases_};
   std::unique_ptr<RpcServer> slow_server_;
   std::unique_ptr<Client> slow_client_;
 };

@@ -1,17 +1,16 @@
-#include "server/rpc/status.h"
+#include "server/api/error.h"
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/error_info.pb.h"
-#include "google/rpc/status.pb.h"
 
 namespace orbitune {
 namespace {
 
 constexpr char kDomain[] = "orbitune";
 constexpr int kRetryDelaySeconds = 1;
-// A client refuses trailing metadata of more than 8 KiB, and with it the error: the message goes there twice, the
+// A gRPC client refuses trailing metadata of more than 8 KiB, and with it the error: the message goes there twice, the
 // details in base 64.
 constexpr std::size_t kLongestMessage = 1000;
 constexpr std::size_t kLongestViolations = 3000;
@@ -43,12 +42,10 @@ google::rpc::BadRequest ToBadRequest(const std::vector<FieldViolation>& violatio
 
 }  // namespace
 
-grpc::Status ToGrpc(const absl::Status& status) {
-  if (status.ok()) return grpc::Status::OK;
-  const std::string message = Shortened(std::string(status.message()));
+google::rpc::Status ToRpcStatus(const absl::Status& status) {
   google::rpc::Status details;
   details.set_code(static_cast<int>(status.code()));
-  details.set_message(message);
+  details.set_message(Shortened(std::string(status.message())));
   if (const auto violations = FieldViolationsOf(status); !violations.empty()) {
     details.add_details()->PackFrom(ToBadRequest(violations));
   }
@@ -63,7 +60,7 @@ grpc::Status ToGrpc(const absl::Status& status) {
     retry.mutable_retry_delay()->set_seconds(kRetryDelaySeconds);
     details.add_details()->PackFrom(retry);
   }
-  return {static_cast<grpc::StatusCode>(status.code()), message, details.SerializeAsString()};
+  return details;
 }
 
 }  // namespace orbitune

@@ -1,4 +1,4 @@
-// A few threads for what must not run inside a gRPC reaction: SQL, waiting for a commit, a single episode.
+// A few threads for what a transport must not do itself, as it may block: SQL, waiting for a commit, an episode.
 #pragma once
 
 #include <condition_variable>
@@ -35,6 +35,20 @@ class Executor {
   bool ending_ = false;
 
   std::vector<std::thread> threads_;
+};
+
+// What a call keeps busy, and with it how long it may.
+enum class Work { kRead, kWrite, kEpisode };
+
+// Threads by how long their work may block: neither a disk that hangs nor a long episode keeps a read waiting.
+class Executors {
+ public:
+  Executor& For(Work work) { return work == Work::kRead ? reads_ : work == Work::kWrite ? writes_ : episodes_; }
+
+ private:
+  Executor reads_{4, 10'000};
+  Executor writes_{4, 10'000};
+  Executor episodes_{2, 256};
 };
 
 }  // namespace orbitune

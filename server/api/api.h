@@ -1,0 +1,49 @@
+// The API as every transport serves it: all methods, the threads they run on, and the streams that are open.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "server/api/scenarios.h"
+#include "server/api/simulation.h"
+#include "server/api/tuning.h"
+
+namespace orbitune {
+
+// Larger than any sensible request, so that an oversized field is refused by name.
+inline constexpr int kLargestRequestBytes = 16 << 20;
+
+// Thread-safe. Outlives the transports.
+class Api {
+ public:
+  // use_cases: outlives this.
+  explicit Api(UseCases& use_cases);
+
+  const MethodTable& methods() const { return methods_; }
+
+  // Full names of the services that have methods.
+  std::vector<std::string> ServiceNames() const;
+
+  // Answers a unary method on the threads meant for it, and calls `done` there; or calls it at once, with
+  // RESOURCE_EXHAUSTED, where too many calls wait. request, response: live until then.
+  void Call(const Method& method, const google::protobuf::Message& request, google::protobuf::Message* response,
+            Cancelled cancelled, std::function<void(absl::Status)> done);
+
+  // For what a transport has to do that may block.
+  Executors& executors() { return executors_; }
+
+  // Ends every stream with UNAVAILABLE, and every later one at once.
+  void Drain() { feeds_.Drain(); }
+
+ private:
+  Feeds feeds_;
+  JobEventMessages messages_;
+  TuningApi tuning_;
+  ScenarioApi scenarios_;
+  SimulationApi simulation_;
+  MethodTable methods_;
+  Executors executors_;  // the last: ends before what its tasks use
+};
+
+}  // namespace orbitune

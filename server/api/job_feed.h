@@ -1,0 +1,43 @@
+// The events of one job: a snapshot, then every one after a seq, from the hub, and from the store where the watcher
+// lags behind it.
+#pragma once
+
+#include <deque>
+#include <unordered_map>
+
+#include "orbitune/v1/tuning.pb.h"
+#include "server/api/executor.h"
+#include "server/api/feed.h"
+#include "server/service/use_cases.h"
+
+namespace orbitune {
+
+// Recent events as messages, so that each is made once for all the watchers of its job. Thread-safe.
+class JobEventMessages {
+ public:
+  explicit JobEventMessages(std::size_t most_kept = 8192) : most_kept_(most_kept) {}
+
+  std::shared_ptr<const StreamMessage> Get(const std::string& job_id, const JobEvent& event);
+
+ private:
+  using BySeq = std::unordered_map<std::int64_t, std::shared_ptr<const StreamMessage>>;
+
+  const std::size_t most_kept_;
+
+  std::mutex mutex_;
+  // Guarded by mutex_.
+  std::unordered_map<std::string, BySeq> jobs_;
+  std::deque<std::pair<std::string, std::int64_t>> kept_;  // oldest first
+};
+
+// What feeds of jobs share; all outlive them.
+struct JobFeedContext {
+  UseCases& use_cases;
+  Executors& executors;  // for reading the store
+  JobEventMessages& messages;
+  Feeds& feeds;
+};
+
+std::shared_ptr<Feed> NewJobFeed(const v1::WatchJobRequest& request, const JobFeedContext& context);
+
+}  // namespace orbitune

@@ -1,0 +1,18 @@
+// proto3 JSON as every JSON of ours is written: the proto's field names (their units stay legible, and errors name
+// fields by them), and unset numbers, strings and lists as well. The same as the command line's.
+#pragma once
+
+#include <string>
+
+#include "absl/status/status.h"
+#include "google/protobuf/message.h"
+
+namespace orbitune {
+
+// One line, without its end.
+std::string ToJson(const google::protobuf::Message& message);
+
+// Field names in either form. INVALID_ARGUMENT, saying where, for what is no such message.
+absl::Status FromJson(const std::string& json, google::protobuf::Message* message);
+
+}  // namespace orbitune

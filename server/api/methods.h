@@ -1,0 +1,84 @@
+// The RPCs as transports find them: by full name, each with its messages, the threads it runs on, and what answers it.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "absl/status/status.h"
+#include "google/protobuf/descriptor.h"
+#include "google/protobuf/message.h"
+#include "server/api/executor.h"
+#include "server/api/feed.h"
+
+namespace orbitune {
+
+// Whether the caller has gone; asked now and then by what takes long.
+using Cancelled = std::function<bool()>;
+
+struct Method {
+  const google::protobuf::MethodDescriptor* descriptor = nullptr;
+  const google::protobuf::Message* request = nullptr;  // prototypes
+  const google::protobuf::Message* response = nullptr;
+  Work work = Work::kRead;
+  // Exactly one of the two. The messages are of the prototypes' types; `answer` may block, `open` does not.
+  std::function<absl::Status(const google::protobuf::Message& request, google::protobuf::Message* response,
+                             const Cancelled& cancelled)>
+      answer;
+  std::function<std::shared_ptr<Feed>(const google::protobuf::Message& request)> open;
+};
+
+// Filled once, then constant: thread-safe from then on.
+class MethodTable {
+ public:
+  // `api` outlives the table. name: the method's full one, "orbitune.v1.TuningService.GetJob".
+  template <typename Api, typename Request, typename Response>
+  void Add(std::string_view name, Work work, Api* api, absl::Status (Api::*method)(const Request&, Response*)) {
+    AddUnary<Request, Response>(name, work,
+                                [api, method](const Request& request, Response* response, const Cancelled&) {
+                                  return (api->*method)(request, response);
+                                });
+  }
+
+  template <typename Api, typename Request, typename Response>
+  void Add(std::string_view name, Work work, Api* api,
+           absl::Status (Api::*method)(const Request&, Response*, const Cancelled&)) {
+    AddUnary<Request, Response>(name, work,
+                                [api, method](const Request& request, Response* response, const Cancelled& cancelled) {
+                                  return (api->*method)(request, response, cancelled);
+                                });
+  }
+
+  template <typename Response, typename Api, typename Request>
+  void AddStream(std::string_view name, Api* api, std::shared_ptr<Feed> (Api::*method)(const Request&)) {
+    Method entry = {.request = &Request::default_instance(), .response = &Response::default_instance()};
+    entry.open = [api, method](const google::protobuf::Message& request) {
+      return (api->*method)(static_cast<const Request&>(request));
+    };
+    Insert(name, std::move(entry));
+  }
+
+  // nullptr for an unknown one.
+  const Method* Find(std::string_view name) const;
+
+  // By full name.
+  const std::map<std::string, Method, std::less<>>& all() const { return methods_; }
+
+ private:
+  template <typename Request, typename Response, typename Answer>
+  void AddUnary(std::string_view name, Work work, Answer answer) {
+    Method entry = {.request = &Request::default_instance(), .response = &Response::default_instance(), .work = work};
+    entry.answer = [answer](const google::protobuf::Message& request, google::protobuf::Message* response,
+                            const Cancelled& cancelled) {
+      return answer(static_cast<const Request&>(request), static_cast<Response*>(response), cancelled);
+    };
+    Insert(name, std::move(entry));
+  }
+  void Insert(std::string_view name, Method entry);
+
+  std::map<std::string, Method, std::less<>> methods_;
+};
+
+}  // namespace orbitune

@@ -1,0 +1,85 @@
+// A gRPC service whose methods are the API's: each handler is one line, Call or Stream with its own name.
+#pragma once
+
+#include <grpcpp/grpcpp.h>
+
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/check.h"
+#include "server/api/api.h"
+#include "server/api/error.h"
+
+namespace orbitune {
+
+inline grpc::Status ToGrpc(const absl::Status& status) {
+  if (status.ok()) return grpc::Status::OK;
+  const google::rpc::Status details = ToRpcStatus(status);
+  return {static_cast<grpc::StatusCode>(status.code()), details.message(), details.SerializeAsString()};
+}
+
+// A server stream fed from the API. Lives until the call is done. The feed gives its end once, in answer to Next, which
+// is asked when no write is in flight: one StartWrite at a time, one Finish, and no lock.
+template <typename Response>
+class StreamReactor final : public grpc::ServerWriteReactor<Response> {
+ public:
+  explicit StreamReactor(std::shared_ptr<Feed> feed) : feed_(std::move(feed)) { Next(); }
+
+  void OnWriteDone(bool ok) override {
+    if (!ok) feed_->End(absl::CancelledError("the watcher is gone"));
+    Next();
+  }
+  void OnCancel() override { feed_->End(absl::CancelledError("cancelled by the watcher")); }
+  void OnDone() override { delete this; }
+
+ private:
+  void Next() {
+    feed_->Next(1, [this](Feed::Batch batch) {
+      if (batch.end) return this->Finish(ToGrpc(*batch.end));
+      sending_ = std::move(batch.items[0].message);
+      this->StartWrite(static_cast<const Response*>(&sending_->message()));
+    });
+  }
+
+  const std::shared_ptr<Feed> feed_;
+  std::shared_ptr<const StreamMessage> sending_;
+};
+
+// Service: the generated one, v1::TuningService.
+template <typename Service>
+class ApiService : public Service::CallbackService {
+ protected:
+  using Context = grpc::CallbackServerContext;
+  using Reactor = grpc::ServerUnaryReactor;
+
+  // api: outlives this.
+  explicit ApiService(Api& api) : api_(api) {}
+
+  template <typename Request, typename Response>
+  Reactor* Call(const char* method, Context* context, const Request* request, Response* response) {
+    Reactor* reactor = context->DefaultReactor();
+    api_.Call(
+        Find<Request>(method), *request, response, [context] { return context->IsCancelled(); },
+        [reactor](const absl::Status& status) { reactor->Finish(ToGrpc(status)); });
+    return reactor;
+  }
+
+  template <typename Response, typename Request>
+  grpc::ServerWriteReactor<Response>* Stream(const char* method, const Request* request) {
+    return new StreamReactor<Response>(Find<Request>(method).open(*request));
+  }
+
+ private:
+  template <typename Request>
+  const Method& Find(const char* name) const {
+    const Method* method = api_.methods().Find(absl::StrCat(Service::service_full_name(), ".", name));
+    ORBITUNE_CHECK(method != nullptr && method->request->GetDescriptor() == Request::descriptor());
+    return *method;
+  }
+
+  Api& api_;
+};
+
+}  // namespace orbitune
