@@ -21,7 +21,7 @@ constexpr std::size_t kMostUnindexed = 4096;
 constexpr std::size_t kIndexedPerUnindexed = 8;
 
 // Stored starts whose nearest neighbours are looked up for LibraryPosition::typical_distance.
-constexpr std::size_t kSampledForTypical = 512;
+constexpr std::size_t kSampledForTypical = 128;
 constexpr double kTypicalQuantile = 0.9;
 
 // A longitude error of whole turns is none.
@@ -101,8 +101,8 @@ struct Cloud {
   }
 };
 
-using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud, kCoordinates,
-                                                 std::size_t>;
+using Tree =
+    nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud, kCoordinates, std::size_t>;
 
 Point MeanOf(const std::vector<Point>& points) {
   Point mean{};
@@ -124,11 +124,9 @@ Point SpreadOf(const std::vector<Point>& points, const Point& mean, double least
   return spread;
 }
 
-}  // namespace
-
 // Nine in ten of a sample of the points are nearer than this to another place; NaN where all are in one.
 double TypicalDistance(const Cloud& cloud, const Tree& tree) {
-  constexpr std::size_t kMostAtOnePlace = 32;
+  constexpr std::size_t kMostAtOnePlace = 16;
   constexpr double kOnePlace = 1e-18;  // squared
   const std::size_t count = cloud.points.size();
   const std::size_t stride = std::max<std::size_t>(count / kSampledForTypical, 1);
@@ -136,11 +134,13 @@ double TypicalDistance(const Cloud& cloud, const Tree& tree) {
   for (std::size_t i = 0; i < count; i += stride) {
     Nearest nearest(kMostAtOnePlace);
     tree.findNeighbors(nearest, cloud.points[i].data(), nanoflann::SearchParams());
-    const auto other = std::ranges::find_if(nearest.found(), [](const Found& f) { return f.squared_distance > kOnePlace; });
+    const auto other =
+        std::ranges::find_if(nearest.found(), [](const Found& f) { return f.squared_distance > kOnePlace; });
     if (other != nearest.found().end()) distances.push_back(std::sqrt(other->squared_distance));
   }
   if (distances.empty()) return kUnset;
-  const auto quantile = distances.begin() + static_cast<std::ptrdiff_t>(kTypicalQuantile * static_cast<double>(distances.size() - 1));
+  const auto quantile =
+      distances.begin() + static_cast<std::ptrdiff_t>(kTypicalQuantile * static_cast<double>(distances.size() - 1));
   std::ranges::nth_element(distances, quantile);
   return *quantile;
 }

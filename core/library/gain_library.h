@@ -85,7 +85,7 @@ class ScenarioLibrary {
 
   const double settling_distance_;
 
-  std::mutex changing_;                               // held by Add and Remove, before mutex_
+  std::mutex changing_;                            // held by Add and Remove, before mutex_
   std::unordered_map<std::string, Place> places_;  // guarded by changing_
 
   mutable std::shared_mutex mutex_;

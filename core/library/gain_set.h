@@ -26,8 +26,8 @@ struct GainSet {
   Gains gains{};
   double velocity_unit_m_s = 0;       // of K1
   double acceleration_unit_m_s2 = 0;  // of K2..K5
-  Scenario scenario;                  // as LibraryDefinition (scenario_digest.h) leaves it; its id is what it was called
-  std::string scenario_digest;        // ScenarioDigest(scenario)
+  Scenario scenario;            // as LibraryDefinition (scenario_digest.h) leaves it; its id is what it was called
+  std::string scenario_digest;  // ScenarioDigest(scenario)
 
   // Where the gains were flown from, and the error coordinates x(0) there. Gains for several initial conditions
   // (kRobust, kMean) have neither.

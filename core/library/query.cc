@@ -30,9 +30,9 @@ class CandidateList {
   std::vector<Candidate> list_;
 };
 
-// Geometric, weighted by 1 / (d^2 + d_1^2): the nearest counts at most half of a farther one's... 
+// Geometric, weighted by 1 / (d^2 + d_1^2), d_1 the nearest one's distance: beside a stored start, that one's gains
+// weigh no more than the others' do elsewhere, for they are a candidate of their own.
 Gains WeightedMean(std::span<const ScenarioLibrary::Neighbour> nearest) {
-  // So that a start beside a stored one does not take that one's gains alone.
   const double softening = nearest.front().distance * nearest.front().distance + 1e-12;
   Gains mean{};
   double weights = 0;
@@ -68,9 +68,8 @@ int RankOf(Outcome outcome) {
 
 }  // namespace
 
-std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const ErrorState& x,
-                                        const Gains& initial_gains, const QueryOptions& options,
-                                        LibraryPosition& position) {
+std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const ErrorState& x, const Gains& initial_gains,
+                                        const QueryOptions& options, LibraryPosition& position) {
   const auto most = static_cast<std::size_t>(options.max_candidates);
   CandidateList list(most);
   position = {};
@@ -126,8 +125,7 @@ QueryResult QueryLibrary(const ScenarioLibrary* library, const PreparedScenario&
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
   std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) { return RanksBefore(results[a], results[b]); });
   query.candidates = static_cast<int>(candidates.size());
-  query.candidates_settled =
-      static_cast<int>(std::ranges::count(results, Outcome::kSettled, &EpisodeResult::outcome));
+  query.candidates_settled = static_cast<int>(std::ranges::count(results, Outcome::kSettled, &EpisodeResult::outcome));
   order.resize(std::min(order.size(), static_cast<std::size_t>(options.max_answers)));
   for (const std::size_t i : order) query.answers.push_back(Measure(prepared, candidates[i], results[i]));
   return query;

@@ -17,9 +17,9 @@ struct Candidate {
     kRefined,       // searched for just now, from another candidate
   } source = Source::kInitial;
   Gains gains{};
-  std::string gain_set_id;                   // of kStored
-  GainSetKind kind = GainSetKind::kTuned;    // of kStored
-  double distance = kUnset;                  // from the new start, of kStored with a place (LibraryPosition)
+  std::string gain_set_id;                 // of kStored
+  GainSetKind kind = GainSetKind::kTuned;  // of kStored
+  double distance = kUnset;                // from the new start, of kStored with a place (LibraryPosition)
 };
 
 struct QueryAnswer {
@@ -38,7 +38,7 @@ struct QueryResult {
   LibraryPosition position;
   // The best first: settled before not settled before the rest, then by cost.
   std::vector<QueryAnswer> answers;
-  int candidates = 0;        // flown
+  int candidates = 0;  // flown
   int candidates_settled = 0;
 
   bool settled() const { return candidates_settled > 0; }
@@ -46,9 +46,8 @@ struct QueryResult {
 
 // At most max_candidates, none twice: the scenario's initial gains and the means first, then what is stored for
 // several initial conditions, then the nearest. position is set beside. library: null for none.
-std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const ErrorState& x,
-                                        const Gains& initial_gains, const QueryOptions& options,
-                                        LibraryPosition& position);
+std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const ErrorState& x, const Gains& initial_gains,
+                                        const QueryOptions& options, LibraryPosition& position);
 
 // Whether a is to be answered before b: settled before not settled before the rest, then by cost.
 bool RanksBefore(const EpisodeResult& a, const EpisodeResult& b);

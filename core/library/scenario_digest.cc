@@ -22,8 +22,8 @@ struct Field {
 class Fields {
  public:
   void Add(std::string_view name, double value) {
-    // -0.0 and 0.0 fly alike.
-    fields_.push_back({std::string(name), FormatNumber(value == 0 ? 0 : value)});
+    // Fewer digits than there are: the last bit of a tangent is another C library's to choose. -0.0 and 0.0 fly alike.
+    fields_.push_back({std::string(name), absl::StrFormat("%.14g", value == 0 ? 0 : value)});
   }
   void AddText(std::string_view name, std::string_view value) {
     fields_.push_back({std::string(name), std::string(value)});

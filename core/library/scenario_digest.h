@@ -10,7 +10,7 @@ namespace orbitune {
 
 // SHA-256, in hex, of what a flight and its cost depend on: mu, the target's orbit as it is given, sampling period,
 // horizon, fuel weight, settling distance, the gains' units (resolved) and the hold. Not of the chaser, the search's
-// options, the integrator's tolerance or any name. scenario: valid.
+// options, the integrator's tolerance or any name. Numbers count with 14 significant digits. scenario: valid.
 std::string ScenarioDigest(const Scenario& scenario);
 
 // The scenario without what the digest leaves out, but for its names.
