@@ -8,7 +8,7 @@
 #include <variant>
 #include <vector>
 
-#include "core/scenario/scenario.h"
+#include "core/library/gain_set.h"
 
 namespace orbitune {
 
@@ -80,6 +80,7 @@ struct StateChange {
   TimeUs time_us = 0;
   std::string message;              // why, where kFailed
   std::optional<JobReport> report;  // where kSucceeded
+  std::optional<GainSet> gain_set;  // where kSucceeded; stored with the change, not read back with it
 };
 
 // One entry of a job's sequence; seq is dense from 1 (the change to kQueued at creation).

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "storage/gain_store.h"
 #include "storage/job.h"
 
 namespace orbitune {
@@ -61,10 +62,11 @@ class JobStore {
   // seq: the job's last one + 1; the record's iteration: its latest + 1. Keeps latest, first and best up to date.
   virtual void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record, Done done) = 0;
 
-  // seq: the job's last one + 1. Sets start_time at the first kRunning, end_time at a terminal state.
+  // seq: the job's last one + 1. Sets start_time at the first kRunning, end_time at a terminal state. Stores
+  // change.gain_set, if there is one, in the same commit.
   virtual void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) = 0;
 
-  // Removes the job, its events and its iterations.
+  // Removes the job, its events and its iterations; not its gain set.
   virtual void DeleteJob(const std::string& id, Done done) = 0;
 
   // NOT_FOUND if there is none; UNAVAILABLE, DATA_LOSS for a disk that fails (of every read).
@@ -83,6 +85,9 @@ class JobStore {
   // Events after `after_seq`, ascending and dense, at most `limit`. NOT_FOUND for an unknown job.
   virtual absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                            int limit) const = 0;
+
+  // Lives as long as the store.
+  virtual GainStore& gains() = 0;
 
   // Returns once every write queued before the call is committed, or the store is closed.
   virtual void Flush() = 0;

@@ -31,6 +31,8 @@ constexpr std::array<std::string_view, 2> kNames<ControlHold>{"CONTINUOUS", "ZER
 template <>
 constexpr std::array<std::string_view, 2> kNames<KeplerianState::Position>{"TRUE_ANOMALY", "TRUE_LONGITUDE"};
 template <>
+constexpr std::array<std::string_view, 4> kNames<GainSetKind>{"TUNED", "ROBUST", "MEAN", "IMPORTED"};
+template <>
 constexpr std::array<std::string_view, 6> kNames<WarningKind>{"GAIN_AT_FLOOR", "LAST_NOT_BEST", "PEAK_ACCELERATION",
                                                               "NOT_SETTLED",   "DELTA_V_ROSE",  "PAIRS_LEFT_OUT"};
 
@@ -146,6 +148,39 @@ void VisitFields(T& s, V&& visit) {
   visit("episodes", s.episodes);
 }
 
+template <Is<Certificate> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("gains_positive", s.gains_positive);
+  visit("domain_guaranteed", s.domain_guaranteed);
+  visit("lyapunov_decreasing", s.lyapunov_decreasing);
+  visit("settled", s.settled);
+}
+
+template <Is<Flight> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("outcome", s.outcome);
+  visit("cost", s.cost);
+  visit("settling_samples", s.settling_samples);
+  visit("settling_time_s", s.settling_time_s);
+  visit("fuel_sum", s.fuel_sum);
+  visit("delta_v_m_s", s.delta_v_m_s);
+  visit("peak_acceleration_m_s2", s.peak_acceleration_m_s2);
+  visit("certificate", s.certificate);
+}
+
+template <Is<GainSet> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("display_name", s.display_name);
+  visit("velocity_unit_m_s", s.velocity_unit_m_s);
+  visit("acceleration_unit_m_s2", s.acceleration_unit_m_s2);
+  visit("initial_condition", s.initial_condition);
+  visit("iteration", s.iteration);
+  visit("algorithm", s.algorithm);
+  visit("seed", s.seed);
+  visit("engine_version", s.engine_version);
+  visit("flight", s.flight);
+}
+
 // The forms of an OrbitState by their names; std::monostate is null.
 template <typename V>
 void VisitForms(V&& visit) {
@@ -200,6 +235,8 @@ Json Encode(const std::vector<Warning>& warnings) {
   for (const Warning& warning : warnings) array.push_back(Encode(warning));
   return array;
 }
+
+std::string Dump(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
 
 // ---- reading
 
@@ -320,6 +357,8 @@ absl::StatusOr<T> FromJson(std::string_view text, const std::string& name) {
 
 }  // namespace
 
+std::string_view NameOf(GainSetKind kind) { return kNames<GainSetKind>[static_cast<std::size_t>(kind)]; }
+
 std::string_view NameOf(JobState state) { return kNames<JobState>[static_cast<std::size_t>(state)]; }
 
 absl::StatusOr<JobState> JobStateOf(std::string_view name) {
@@ -337,12 +376,22 @@ absl::StatusOr<std::string> ToJson(const JobSpec& spec) {
   }
 }
 
-std::string ToJson(const JobReport& report) {
-  return Encode(report).dump(-1, ' ', false, Json::error_handler_t::replace);
-}
+std::string ToJson(const JobReport& report) { return Dump(Encode(report)); }
 
 absl::StatusOr<JobSpec> JobSpecFromJson(std::string_view text) { return FromJson<JobSpec>(text, "spec"); }
 
 absl::StatusOr<JobReport> JobReportFromJson(std::string_view text) { return FromJson<JobReport>(text, "report"); }
+
+std::string ToJson(const Scenario& scenario) { return Dump(Encode(scenario)); }
+
+absl::StatusOr<Scenario> ScenarioFromJson(std::string_view text) { return FromJson<Scenario>(text, "scenario"); }
+
+std::string GainSetDocument(const GainSet& set) { return Dump(Encode(set)); }
+
+absl::Status ReadGainSetDocument(std::string_view text, GainSet& set) {
+  absl::StatusOr<GainSet> read = FromJson<GainSet>(text, "gain set");
+  if (read.ok()) set = *std::move(read);
+  return read.status();
+}
 
 }  // namespace orbitune

@@ -24,4 +24,12 @@ std::string ToJson(const JobReport& report);
 absl::StatusOr<JobSpec> JobSpecFromJson(std::string_view text);
 absl::StatusOr<JobReport> JobReportFromJson(std::string_view text);
 
+// Likewise.
+std::string ToJson(const Scenario& scenario);
+absl::StatusOr<Scenario> ScenarioFromJson(std::string_view text);
+
+// Of a gain set what the columns of its table do not hold.
+std::string GainSetDocument(const GainSet& set);
+absl::Status ReadGainSetDocument(std::string_view text, GainSet& set);
+
 }  // namespace orbitune

@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
+#include "storage/sqlite_gain_tables.h"
 #include "storage/sqlite_job_queries.h"
 #include "storage/sqlite_list_query.h"
 #include "storage/sqlite_lock.h"
@@ -15,13 +16,40 @@
 namespace orbitune {
 namespace {
 
+class SqliteGainStore final : public GainStore {
+ public:
+  SqliteGainStore(SqliteReaderPool& readers, SqliteWriter& writer) : readers_(readers), writer_(writer) {}
+
+  void AddGainSets(std::vector<GainSet> sets, Done done) override {
+    writer_.Queue({.apply = [sets = std::move(sets)](JobTables& tables) { return tables.AddGainSets(sets); },
+                   .answer = std::move(done)});
+  }
+  void DeleteGainSet(const std::string& id, Done done) override {
+    writer_.Queue({.apply = [id](JobTables& tables) { return tables.DeleteGainSet(id); }, .answer = std::move(done)});
+  }
+  absl::StatusOr<GainSet> GetGainSet(const std::string& id) const override {
+    return readers_.Run([&](Connection& connection) { return ReadGainSet(connection, id); });
+  }
+  absl::StatusOr<std::vector<GainSet>> ListGainSets(const GainSetQuery& query) const override {
+    return readers_.Run([&](Connection& connection) { return ReadGainSets(connection, query); });
+  }
+  absl::Status ReadLibrary(const Shelf& shelf) const override {
+    return readers_.Run([&](Connection& connection) { return ReadGainLibrary(connection, shelf); });
+  }
+
+ private:
+  SqliteReaderPool& readers_;
+  SqliteWriter& writer_;
+};
+
 class SqliteStore final : public JobStore {
  public:
   SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection)
       : lock_(std::move(lock)),
         connection_(std::move(connection)),
         readers_(connection_->path()),
-        writer_(*connection_) {}
+        writer_(*connection_),
+        gains_(readers_, writer_) {}
 
   void CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id, std::string request_digest,
                  Created done) override;
@@ -37,6 +65,8 @@ class SqliteStore final : public JobStore {
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                    int limit) const override;
 
+  GainStore& gains() override { return gains_; }
+
   void Flush() override { writer_.Flush(); }
   absl::Status ok_for_now() const override { return writer_.trouble(); }
 
@@ -47,6 +77,7 @@ class SqliteStore final : public JobStore {
   const std::unique_ptr<Connection> connection_;
   mutable SqliteReaderPool readers_;
   SqliteWriter writer_;
+  SqliteGainStore gains_;
 };
 
 void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id,

@@ -29,6 +29,9 @@ class JobStoreConformance : public testing::TestWithParam<MakeBackend> {
   std::unique_ptr<JobStore> store_;
 };
 
+// The gain sets' (gain_store_conformance.cc).
+class GainStoreConformance : public JobStoreConformance {};
+
 // The listings' conformance (job_list_conformance.cc).
 class JobListConformance : public JobStoreConformance {};
 
