@@ -13,6 +13,8 @@ namespace orbitune {
 
 // "TUNED", "ROBUST", "MEAN", "IMPORTED".
 std::string_view NameOf(GainSetKind kind);
+// DATA_LOSS for any other text.
+absl::StatusOr<GainSetKind> GainSetKindOf(std::string_view name);
 
 // Gain sets come newest first, those of one time by descending id; a page begins behind the last one of the page
 // before.

@@ -159,6 +159,7 @@ void VisitFields(T& s, V&& visit) {
 template <Is<Flight> T, typename V>
 void VisitFields(T& s, V&& visit) {
   visit("outcome", s.outcome);
+  visit("outcome_message", s.outcome_message);
   visit("cost", s.cost);
   visit("settling_samples", s.settling_samples);
   visit("settling_time_s", s.settling_time_s);
@@ -178,6 +179,7 @@ void VisitFields(T& s, V&& visit) {
   visit("algorithm", s.algorithm);
   visit("seed", s.seed);
   visit("engine_version", s.engine_version);
+  visit("origin", s.origin);
   visit("flight", s.flight);
 }
 
@@ -366,6 +368,13 @@ absl::StatusOr<JobState> JobStateOf(std::string_view name) {
     if (kNames<JobState>[i] == name) return static_cast<JobState>(i);
   }
   return absl::DataLossError(absl::StrCat(FormatReceived(name), " is not the name of a job's state"));
+}
+
+absl::StatusOr<GainSetKind> GainSetKindOf(std::string_view name) {
+  for (std::size_t i = 0; i < kNames<GainSetKind>.size(); ++i) {
+    if (kNames<GainSetKind>[i] == name) return static_cast<GainSetKind>(i);
+  }
+  return absl::DataLossError(absl::StrCat(FormatReceived(name), " is not the name of a gain set's kind"));
 }
 
 absl::StatusOr<std::string> ToJson(const JobSpec& spec) {

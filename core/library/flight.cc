@@ -38,6 +38,7 @@ Flight ToFlight(const WatchedEpisode& episode, const PreparedScenario& prepared,
   const EpisodeResult& result = episode.result;
   const CanonicalUnits& units = prepared.units;
   Flight flight{.outcome = result.outcome,
+                .outcome_message = DescribeOutcome(result, prepared),
                 .cost = result.cost,
                 .settling_samples = result.settling_samples,
                 .fuel_sum = result.fuel_sum,

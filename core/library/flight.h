@@ -15,7 +15,8 @@ struct Certificate {
 // NaN where the episode does not have the value.
 struct Flight {
   Outcome outcome = Outcome::kNumericalFailure;
-  double cost = kUnset;  // J
+  std::string outcome_message;  // when and why, where the outcome is not kSettled
+  double cost = kUnset;         // J
   int settling_samples = 0;
   double settling_time_s = kUnset;
   double fuel_sum = kUnset;                // in the scenario's acceleration unit

@@ -343,6 +343,12 @@ std::shared_ptr<const ScenarioLibrary> GainLibrary::Find(const std::string& dige
   return found == shelves_.end() ? nullptr : found->second.library;
 }
 
+std::optional<Scenario> GainLibrary::FindDefinition(const std::string& digest) const {
+  const std::shared_lock lock(mutex_);
+  const auto found = shelves_.find(digest);
+  return found == shelves_.end() ? std::nullopt : std::optional(found->second.definition);
+}
+
 std::vector<Scenario> GainLibrary::Definitions() const {
   const std::shared_lock lock(mutex_);
   std::vector<Scenario> definitions;

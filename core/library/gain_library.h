@@ -109,6 +109,9 @@ class GainLibrary {
   // Null where nothing was ever stored for it.
   std::shared_ptr<const ScenarioLibrary> Find(const std::string& digest) const;
 
+  // None where nothing was ever stored for it.
+  std::optional<Scenario> FindDefinition(const std::string& digest) const;
+
   // One for each digest with a gain set.
   std::vector<Scenario> Definitions() const;
 

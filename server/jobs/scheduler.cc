@@ -7,8 +7,8 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
 #include "core/search/ars.h"
-#include "core/sim/scalar_simulator.h"
 #include "core/simd/batch_simulator.h"
+#include "server/jobs/gain_sets.h"
 #include "server/jobs/report.h"
 #include "storage/serialise.h"
 
@@ -61,6 +61,7 @@ struct Scheduler::Run {
   std::optional<IterationRecord> replayed;  // the first iteration must come out as this stored one
   std::vector<Gains> report_gains;
   std::vector<EpisodeResult> results;
+  bool lyapunov_decreasing = true;  // of the report's last gains, the best
   std::size_t claimed = 0;
   std::size_t finished = 0;
 
@@ -76,7 +77,9 @@ struct Scheduler::Run {
       return SimulateBatch(episodes, out);
     }
     for (std::size_t i = 0; i < count; ++i) {
-      out[i] = SimulateEpisode(prepared.problem, gains[i], {.early_exit = false, .measure_effort = true});
+      const WatchedEpisode episode = FlyWatched(prepared.problem, gains[i], {.early_exit = false});
+      out[i] = episode.result;
+      if (begin + i + 1 == results.size()) lyapunov_decreasing = episode.lyapunov_decreasing;
     }
   }
 
@@ -303,6 +306,7 @@ void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<Ite
 void Scheduler::FinishReport(Entry& entry, Run& run) {
   StateChange change{.state = JobState::kSucceeded};
   change.report = BuildReport(entry.record, run.prepared, run.results, entry.pairs_left_out);
+  change.gain_set = MakeGainSet(entry.record, run.prepared, *change.report, run.lyapunov_decreasing, NowUs());
   RemoveFromRing(entry);
   ChangeState(entry, std::move(change), {});
   StartWaiting();
@@ -344,6 +348,7 @@ void Scheduler::ChangeState(Entry& entry, StateChange change, Done done) {
   if (job.state != JobState::kRunning) entry.run.reset();
   store_.ChangeState(job.id, seq, change, [this, job, change, done = std::move(done)](const absl::Status& status) {
     if (status.ok()) {
+      if (change.gain_set && options_.library != nullptr) AddToLibrary({&*change.gain_set, 1}, *options_.library);
       hub_.Publish(job.id, {.seq = job.last_seq, .what = change});
     } else if (!absl::IsUnavailable(status)) {
       std::fprintf(stderr, "orbituned: jobs/%s: a change of state was refused: %s\n", job.id.c_str(),

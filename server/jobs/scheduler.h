@@ -14,6 +14,7 @@
 #include <thread>
 #include <vector>
 
+#include "core/library/gain_library.h"
 #include "server/jobs/event_hub.h"
 #include "storage/job_store.h"
 
@@ -37,6 +38,7 @@ class Scheduler {
     int threads = 1;                       // > 0
     int max_running_jobs = 64;             // the rest waits in order of creation
     int max_uncommitted_iterations = 256;  // of one job; beyond, it waits for the disk
+    GainLibrary* library = nullptr;        // that is told of every gain set, once it is stored; outlives the scheduler
   };
   // The job as of the change, committed.
   using Done = std::function<void(absl::StatusOr<JobRecord>)>;

@@ -115,6 +115,10 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
   return spec;
 }
 
+}  // namespace
+
+absl::StatusOr<Scenario> ChooseScenario(const ScenarioChoice& choice) { return Choose(choice); }
+
 std::string NewId() {
   static constexpr std::string_view kAlphabet = "abcdefghijklmnopqrstuvwxyz234567";
   std::random_device random;
@@ -122,8 +126,6 @@ std::string NewId() {
   for (int i = 0; i < 12; ++i) id += kAlphabet[random() % kAlphabet.size()];
   return id;
 }
-
-}  // namespace
 
 void SearchOverrides::ApplyTo(ArsOptions& options) const {
   options.iterations = iterations.value_or(options.iterations);

@@ -55,6 +55,12 @@ struct EpisodeAnswer {
   std::vector<EpisodeSample> trajectory;  // every sample_stride-th
 };
 
+// The preset, or the definition, valid. INVALID_ARGUMENT.
+absl::StatusOr<Scenario> ChooseScenario(const ScenarioChoice& choice);
+
+// Random, for a new resource.
+std::string NewId();
+
 template <typename T>
 struct Page {
   std::vector<T> items;

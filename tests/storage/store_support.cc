@@ -145,7 +145,9 @@ GainSet OddGainSet(const std::string& id) {
   set.algorithm = "CMA_ES";
   set.seed = std::numeric_limits<std::uint64_t>::max();
   set.engine_version = "0.1.0";
+  set.origin = "gainSets/there";
   set.flight = {.outcome = Outcome::kNotSettled,
+                .outcome_message = "not settled",
                 .cost = 123.456,
                 .settling_samples = 1280,
                 .settling_time_s = 7e4 / 9,

@@ -1,0 +1,70 @@
+#include "server/jobs/gain_sets.h"
+
+#include <algorithm>
+#include <map>
+
+#include "core/base/version.h"
+#include "core/library/scenario_digest.h"
+
+namespace orbitune {
+namespace {
+
+Flight ToFlight(const GainsAssessment& best, bool lyapunov_decreasing) {
+  const EpisodeReport& episode = best.episode;
+  return {.outcome = episode.outcome,
+          .outcome_message = episode.outcome_message,
+          .cost = episode.cost,
+          .settling_samples = episode.settling_samples,
+          .settling_time_s = episode.settling_time_s,
+          .fuel_sum = episode.fuel_sum,
+          .delta_v_m_s = episode.delta_v_to_settling_m_s,
+          .peak_acceleration_m_s2 = episode.peak_acceleration_m_s2,
+          .certificate = {.gains_positive = std::ranges::all_of(best.gains, [](double gain) { return gain > 0; }),
+                          .domain_guaranteed = episode.domain_guaranteed,
+                          .lyapunov_decreasing = lyapunov_decreasing,
+                          .settled = episode.outcome == Outcome::kSettled}};
+}
+
+}  // namespace
+
+GainSet MakeGainSet(const JobRecord& job, const PreparedScenario& prepared, const JobReport& report,
+                    bool lyapunov_decreasing, TimeUs now) {
+  const JobSpec& spec = job.spec;
+  GainSet set;
+  set.id = job.id;
+  set.kind = GainSetKind::kTuned;
+  set.display_name = spec.display_name;
+  set.create_time_us = now;
+  set.gains = report.best.gains;
+  set.velocity_unit_m_s = prepared.velocity_unit_m_s;
+  set.acceleration_unit_m_s2 = prepared.acceleration_unit_m_s2;
+  set.scenario = LibraryDefinition(spec.scenario);
+  set.scenario_digest = ScenarioDigest(spec.scenario);
+  set.initial_condition = spec.initial_condition;
+  set.initial_error = prepared.problem.initial_error;
+  set.job_id = job.id;
+  set.iteration = report.best.iteration;
+  set.algorithm = "ARS";
+  set.seed = spec.scenario.search.seed;
+  set.engine_version = EngineVersion();
+  set.flight = ToFlight(report.best, lyapunov_decreasing);
+  return set;
+}
+
+void AddToLibrary(std::span<const GainSet> sets, GainLibrary& library) {
+  std::map<std::string_view, std::vector<LibraryEntry>> by_digest;
+  for (const GainSet& set : sets) by_digest[set.scenario_digest].push_back(ToLibraryEntry(set));
+  for (const GainSet& set : sets) {
+    const auto entries = by_digest.extract(set.scenario_digest);
+    if (!entries.empty()) library.Add(set.scenario_digest, set.scenario, entries.mapped());
+  }
+}
+
+absl::Status LoadLibrary(GainStore& store, GainLibrary& library) {
+  return store.ReadLibrary(
+      [&library](const std::string& digest, const Scenario& definition, const std::vector<LibraryEntry>& entries) {
+        library.Add(digest, definition, entries);
+      });
+}
+
+}  // namespace orbitune
