@@ -4,11 +4,15 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <variant>
 #include <vector>
 
 #include "core/library/gain_set.h"
+#include "core/scenario/scenario.h"
+#include "core/search/objective.h"
+#include "core/search/search.h"
 
 namespace orbitune {
 
@@ -26,8 +30,17 @@ using TimeUs = std::int64_t;
 struct JobSpec {
   std::string display_name;
   std::map<std::string, std::string> labels;
-  Scenario scenario;             // scenario.search holds the job's own hyperparameters
-  OrbitState initial_condition;  // what is flown, never std::monostate
+  Scenario scenario;                           // scenario.search holds the job's own hyperparameters
+  OrbitState initial_condition;                // what is flown, never std::monostate; the first of several
+  std::vector<OrbitState> initial_conditions;  // robust tuning: all that are flown under one K; else none
+  Objective objective;                         // over the costs of several
+  std::string warm_start;   // jobs/ID or gainSets/ID, whose gains scenario.search.initial_gains are; else empty
+  std::string campaign_id;  // that the job is part of; else empty
+
+  // What is flown.
+  std::span<const OrbitState> starts() const {
+    return initial_conditions.empty() ? std::span(&initial_condition, 1) : std::span(initial_conditions);
+  }
 };
 
 // An episode over the full horizon, in physical units; NaN where an episode does not have the value.
@@ -46,10 +59,32 @@ struct EpisodeReport {
   bool domain_guaranteed = false;  // V(0) < (1 - e_r)^2 / 2
 };
 
+// Of some quantity over initial conditions; NaN where there are none to tell of.
+struct Spread {
+  double mean = kUnset;
+  double min = kUnset;
+  double max = kUnset;
+};
+
+// One K over several initial conditions. Reductions are 1 - J / J(K(1)) and so on, in percent, of the initial
+// conditions that have a cost under this K and under K(1).
+struct EnsembleReport {
+  int initial_conditions = 0;
+  int settled = 0;
+  double objective = kUnset;  // what the search minimised; NaN where one of them has no cost
+  Spread cost;
+  Spread cost_reduction_percent;
+  Spread settling_time_reduction_percent;
+  Spread fuel_sum_reduction_percent;
+};
+
 struct GainsAssessment {
   int iteration = 0;
   Gains gains{};
+  // Over several initial conditions: the worst outcome, the largest peak acceleration and V(0), the guarantee if all
+  // have it, and the mean of everything else.
   EpisodeReport episode;
+  std::optional<EnsembleReport> ensemble;  // over several initial conditions
 };
 
 enum class WarningKind {
@@ -103,6 +138,7 @@ struct JobRecord {
   std::optional<IterationRecord> first;
   std::optional<IterationRecord> latest;
   std::optional<IterationRecord> best;  // by Better (core/search/search.h), the earliest of equals
+  std::vector<double> checkpoint;       // the search's before `latest`; of a job that has not ended
   std::optional<JobReport> report;
   std::string error_message;
 

@@ -31,12 +31,20 @@ constexpr std::array<std::string_view, 2> kNames<ControlHold>{"CONTINUOUS", "ZER
 template <>
 constexpr std::array<std::string_view, 2> kNames<KeplerianState::Position>{"TRUE_ANOMALY", "TRUE_LONGITUDE"};
 template <>
+constexpr std::array<std::string_view, 3> kNames<Algorithm>{"ARS", "CMA_ES", "NELDER_MEAD"};
+template <>
+constexpr std::array<std::string_view, 3> kNames<Schedule>{"CONSTANT", "LINEAR", "INVERSE_SQRT"};
+template <>
+constexpr std::array<std::string_view, 4> kNames<Aggregate>{"MEAN", "PERCENTILE", "CVAR", "WORST"};
+template <>
 constexpr std::array<std::string_view, 4> kNames<GainSetKind>{"TUNED", "ROBUST", "MEAN", "IMPORTED"};
 template <>
 constexpr std::array<std::string_view, 6> kNames<WarningKind>{"GAIN_AT_FLOOR", "LAST_NOT_BEST", "PEAK_ACCELERATION",
                                                               "NOT_SETTLED",   "DELTA_V_ROSE",  "PAIRS_LEFT_OUT"};
 
 // The fields of each struct, once for writing and reading: visit(name, field).
+// visit.Later(name, field): one that version 1 of the documents did not have. It is written only where it differs from
+// its default, which therefore never changes; so a job that does not use it has the document it always had.
 template <typename T, typename U>
 concept Is = std::same_as<std::remove_const_t<T>, U>;
 
@@ -71,7 +79,7 @@ void VisitFields(T& s, V&& visit) {
   visit("z_dot_km_s", s.z_dot_km_s);
 }
 
-template <Is<ArsOptions> T, typename V>
+template <Is<SearchOptions> T, typename V>
 void VisitFields(T& s, V&& visit) {
   visit("iterations", s.iterations);
   visit("step_size", s.step_size);
@@ -81,6 +89,47 @@ void VisitFields(T& s, V&& visit) {
   visit("exploration_std", s.exploration_std);
   visit("gain_floor", s.gain_floor);
   visit("seed", s.seed);
+  visit.Later("algorithm", s.algorithm);
+  visit.Later("max_episodes", s.max_episodes);
+  visit.Later("plateau_stop", s.plateau_stop);
+  visit.Later("ars_variants", s.ars_variants);
+  visit.Later("cma_es", s.cma_es);
+  visit.Later("nelder_mead", s.nelder_mead);
+}
+
+template <Is<PlateauStop> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("iterations", s.iterations);
+  visit("min_improvement", s.min_improvement);
+}
+
+template <Is<ArsVariants> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("top_directions", s.top_directions);
+  visit("step_schedule", s.step_schedule);
+  visit("exploration_schedule", s.exploration_schedule);
+  visit("log_gains", s.log_gains);
+}
+
+template <Is<CmaEsOptions> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("population", s.population);
+  visit("initial_sigma", s.initial_sigma);
+  visit("restarts", s.restarts);
+  visit("population_growth", s.population_growth);
+}
+
+template <Is<NelderMeadOptions> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("initial_step", s.initial_step);
+  visit("restarts", s.restarts);
+}
+
+template <Is<Objective> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("aggregate", s.aggregate);
+  visit("level", s.level);
+  visit("relative_to_initial", s.relative_to_initial);
 }
 
 template <Is<Scenario> T, typename V>
@@ -108,6 +157,10 @@ void VisitFields(T& s, V&& visit) {
   visit("labels", s.labels);
   visit("scenario", s.scenario);
   visit("initial_condition", s.initial_condition);
+  visit.Later("initial_conditions", s.initial_conditions);
+  visit.Later("objective", s.objective);
+  visit.Later("warm_start", s.warm_start);
+  visit.Later("campaign_id", s.campaign_id);
 }
 
 template <Is<EpisodeReport> T, typename V>
@@ -126,11 +179,30 @@ void VisitFields(T& s, V&& visit) {
   visit("domain_guaranteed", s.domain_guaranteed);
 }
 
+template <Is<Spread> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("mean", s.mean);
+  visit("min", s.min);
+  visit("max", s.max);
+}
+
+template <Is<EnsembleReport> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("initial_conditions", s.initial_conditions);
+  visit("settled", s.settled);
+  visit("objective", s.objective);
+  visit("cost", s.cost);
+  visit("cost_reduction_percent", s.cost_reduction_percent);
+  visit("settling_time_reduction_percent", s.settling_time_reduction_percent);
+  visit("fuel_sum_reduction_percent", s.fuel_sum_reduction_percent);
+}
+
 template <Is<GainsAssessment> T, typename V>
 void VisitFields(T& s, V&& visit) {
   visit("iteration", s.iteration);
   visit("gains", s.gains);
   visit("episode", s.episode);
+  visit.Later("ensemble", s.ensemble);
 }
 
 template <Is<Warning> T, typename V>
@@ -209,12 +281,32 @@ template <typename E>
 requires std::is_enum_v<E> Json Encode(E value) { return kNames<E>[static_cast<std::size_t>(value)]; }
 Json Encode(const OrbitState& state);
 Json Encode(const Gains& gains);
-Json Encode(const std::vector<Warning>& warnings);
+template <typename T>
+Json Encode(const std::vector<T>& values);
+template <typename T>
+Json Encode(const std::optional<T>& value);
+
+template <typename T>
+requires std::is_class_v<T> Json Encode(const T& value);
+
+struct FieldEncoder {
+  template <typename T>
+  void operator()(const char* name, const T& field) {
+    object[name] = Encode(field);
+  }
+  template <typename T>
+  void Later(const char* name, const T& field) {
+    Json value = Encode(field);
+    if (value != Encode(T{})) object[name] = std::move(value);
+  }
+  Json object = Json::object();
+};
+
 template <typename T>
 requires std::is_class_v<T> Json Encode(const T& value) {
-  Json object = Json::object();
-  VisitFields(value, [&object](const char* name, const auto& field) { object[name] = Encode(field); });
-  return object;
+  FieldEncoder encoder;
+  VisitFields(value, encoder);
+  return std::move(encoder.object);
 }
 
 Json Encode(const OrbitState& state) {
@@ -232,10 +324,16 @@ Json Encode(const Gains& gains) {
   return array;
 }
 
-Json Encode(const std::vector<Warning>& warnings) {
+template <typename T>
+Json Encode(const std::vector<T>& values) {
   Json array = Json::array();
-  for (const Warning& warning : warnings) array.push_back(Encode(warning));
+  for (const T& value : values) array.push_back(Encode(value));
   return array;
+}
+
+template <typename T>
+Json Encode(const std::optional<T>& value) {
+  return value ? Encode(*value) : Json();
 }
 
 std::string Dump(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
@@ -297,10 +395,17 @@ class Decoder {
     for (std::size_t i = 0; i < gains.size(); ++i) Read(json[i], absl::StrCat(path, "[", i, "]"), gains[i]);
   }
 
-  void Read(const Json& json, const std::string& path, std::vector<Warning>& warnings) {
+  template <typename T>
+  void Read(const Json& json, const std::string& path, std::vector<T>& values) {
     if (!Expect(json.is_array(), path, "is not an array")) return;
-    warnings.resize(json.size());
-    for (std::size_t i = 0; i < json.size(); ++i) Read(json[i], absl::StrCat(path, "[", i, "]"), warnings[i]);
+    values.resize(json.size());
+    for (std::size_t i = 0; i < json.size(); ++i) Read(json[i], absl::StrCat(path, "[", i, "]"), values[i]);
+  }
+
+  template <typename T>
+  void Read(const Json& json, const std::string& path, std::optional<T>& value) {
+    value.reset();
+    if (!json.is_null()) Read(json, path, value.emplace());
   }
 
   void Read(const Json& json, const std::string& path, OrbitState& state) {
@@ -323,17 +428,31 @@ class Decoder {
   requires std::is_class_v<T>
   void Read(const Json& json, const std::string& path, T& value) {
     if (!Expect(json.is_object(), path, "is not an object")) return;
-    std::size_t fields = 0;
-    VisitFields(value, [&](const char* name, auto& field) {
-      ++fields;
-      const auto found = json.find(name);
-      const std::string field_path = absl::StrCat(path, ".", name);
-      if (Expect(found != json.end(), field_path, "is missing")) Read(*found, field_path, field);
-    });
-    Expect(json.size() == fields, path, "has a field that is not known");
+    FieldReader reader{*this, json, path};
+    VisitFields(value, reader);
+    Expect(json.size() == reader.fields, path, "has a field that is not known");
   }
 
  private:
+  struct FieldReader {
+    template <typename T>
+    void operator()(const char* name, T& field) {
+      decoder.Expect(json.contains(name), absl::StrCat(path, ".", name), "is missing");
+      Later(name, field);
+    }
+    template <typename T>
+    void Later(const char* name, T& field) {
+      const auto found = json.find(name);
+      if (found == json.end()) return;
+      ++fields;
+      decoder.Read(*found, absl::StrCat(path, ".", name), field);
+    }
+    Decoder& decoder;
+    const Json& json;
+    const std::string& path;
+    std::size_t fields = 0;
+  };
+
   void Fault(const std::string& path, std::string_view fault) {
     if (status_.ok()) status_ = absl::DataLossError(absl::StrCat("damaged document: ", path, " ", ToAbsl(fault)));
   }
@@ -358,6 +477,8 @@ absl::StatusOr<T> FromJson(std::string_view text, const std::string& name) {
 }
 
 }  // namespace
+
+std::string_view NameOf(Algorithm algorithm) { return kNames<Algorithm>[static_cast<std::size_t>(algorithm)]; }
 
 std::string_view NameOf(GainSetKind kind) { return kNames<GainSetKind>[static_cast<std::size_t>(kind)]; }
 

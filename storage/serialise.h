@@ -11,6 +11,8 @@ namespace orbitune {
 
 // "QUEUED", "RUNNING", ...
 std::string_view NameOf(JobState state);
+// "ARS", "CMA_ES", "NELDER_MEAD".
+std::string_view NameOf(Algorithm algorithm);
 // DATA_LOSS for any other text.
 absl::StatusOr<JobState> JobStateOf(std::string_view name);
 
@@ -20,7 +22,8 @@ absl::StatusOr<std::string> ToJson(const JobSpec& spec);
 // What is not UTF-8 in a message is replaced by U+FFFD: a report is never refused.
 std::string ToJson(const JobReport& report);
 
-// DATA_LOSS, naming the field, unless every field is there, of its kind and in its range, and no other.
+// DATA_LOSS, naming the field, unless every field is there, of its kind and in its range, and no other. A field that an
+// earlier version did not have may be missing, and is at its default then.
 absl::StatusOr<JobSpec> JobSpecFromJson(std::string_view text);
 absl::StatusOr<JobReport> JobReportFromJson(std::string_view text);
 

@@ -2,6 +2,8 @@
 
 #include <sqlite3.h>
 
+#include <bit>
+#include <cstring>
 #include <limits>
 
 #include "absl/strings/str_cat.h"
@@ -71,6 +73,12 @@ void Statement::BindText(int index, std::string_view value) {
   Note(sqlite3_bind_text64(statement_, index, text, value.size(), SQLITE_TRANSIENT, SQLITE_UTF8));
 }
 
+static_assert(std::endian::native == std::endian::little, "blobs hold doubles as they lie in memory");
+
+void Statement::BindDoubles(int index, std::span<const double> value) {
+  Note(sqlite3_bind_blob64(statement_, index, value.data(), value.size_bytes(), SQLITE_TRANSIENT));
+}
+
 Statement& Statement::BindAll(std::span<const Value> values) {
   int index = 0;
   for (const Value& value : values) {
@@ -111,6 +119,14 @@ std::string Statement::Text(int column) const {
   const auto* text = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
   if (text == nullptr) return {};
   return {text, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column))};
+}
+
+std::vector<double> Statement::Doubles(int column) const {
+  const void* bytes = sqlite3_column_blob(statement_, column);
+  if (bytes == nullptr) return {};
+  std::vector<double> doubles(static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)) / sizeof(double));
+  std::memcpy(doubles.data(), bytes, doubles.size() * sizeof(double));
+  return doubles;
 }
 
 bool Statement::IsNull(int column) const { return sqlite3_column_type(statement_, column) == SQLITE_NULL; }

@@ -13,6 +13,7 @@
 #include <type_traits>
 #include <utility>
 #include <variant>
+#include <vector>
 
 #include "core/base/status.h"
 
@@ -33,8 +34,8 @@ class Statement {
   Statement& operator=(Statement&&) = delete;
   ~Statement();
 
-  // Binds all parameters in order; texts are copied. NaN, nullopt and an empty optional become NULL. An error shows
-  // at the next Step.
+  // Binds all parameters in order; texts and vectors are copied, a vector to a blob. NaN, nullopt and an empty optional
+  // become NULL. An error shows at the next Step.
   template <typename... T>
   Statement& Bind(const T&... values) {
     int index = 0;
@@ -56,6 +57,7 @@ class Statement {
   std::int64_t Int(int column) const;
   double Real(int column) const;
   std::string Text(int column) const;
+  std::vector<double> Doubles(int column) const;  // of a blob; what is no whole double at its end is dropped
   bool IsNull(int column) const;
   bool IsNumberOrNull(int column) const;
 
@@ -80,10 +82,12 @@ class Statement {
   void BindOne(int index, const std::optional<T>& value) {
     value ? BindOne(index, *value) : BindNull(index);
   }
+  void BindOne(int index, const std::vector<double>& value) { BindDoubles(index, value); }
   void BindNull(int index);
   void BindInt(int index, std::int64_t value);
   void BindReal(int index, double value);
   void BindText(int index, std::string_view value);
+  void BindDoubles(int index, std::span<const double> value);
   void Note(int result);
 
   Connection* connection_;

@@ -26,7 +26,11 @@ std::string SelectJobs(std::string_view report, std::string_view tail) {
   return absl::StrCat(
       "SELECT jobs.key, id, state, create_time_us, start_time_us, end_time_us, update_time_us, last_seq, "
       "state_changes, iterations, best_iteration, error_message, spec, ",
-      ToAbsl(report), " FROM jobs JOIN job_documents ON job_documents.job = jobs.key", ToAbsl(tail));
+      ToAbsl(report),
+      ", doubles FROM jobs JOIN job_documents ON job_documents.job = jobs.key LEFT JOIN checkpoints ON checkpoints.job "
+      "= "
+      "jobs.key",
+      ToAbsl(tail));
 }
 
 absl::Status InJob(const std::string& id, const absl::Status& status) {
@@ -57,6 +61,7 @@ absl::StatusOr<JobRow> JobRowIn(const Statement& row) {
     if (!report.ok()) return InJob(record.id, report.status());
     record.report = *std::move(report);
   }
+  record.checkpoint = row.Doubles(14);
   return job;
 }
 
@@ -123,6 +128,7 @@ absl::StatusOr<IterationRecord> IterationIn(const Statement& row) {
   record.cost_std = row.Real(10);
   record.pairs_left_out = static_cast<int>(row.Int(11));
   record.pairs_not_settled = static_cast<int>(row.Int(12));
+  record.episodes = row.Int(13);
   return record;
 }
 
@@ -201,7 +207,7 @@ absl::StatusOr<std::vector<IterationRecord>> ReadIterations(Connection& connecti
                                                             std::int64_t first, std::int64_t count) {
   auto statement = connection.Prepare(
       "SELECT iteration, k1, k2, k3, k4, k5, cost, settling_samples, fuel_sum, outcome, cost_std, pairs_left_out, "
-      "pairs_not_settled FROM iterations WHERE job = ? AND iteration >= ? ORDER BY iteration LIMIT ?");
+      "pairs_not_settled, episodes FROM iterations WHERE job = ? AND iteration >= ? ORDER BY iteration LIMIT ?");
   if (!statement.ok()) return statement.status();
   std::vector<IterationRecord> records;
   absl::Status status = statement->Bind(job_key, first, count).ForEachRow([&] {

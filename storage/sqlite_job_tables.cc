@@ -107,7 +107,8 @@ absl::Status JobTables::InsertStateChange(std::int64_t job_key, std::int64_t seq
                          seq, NameOf(change.state), change.time_us, change.message);
 }
 
-absl::Status JobTables::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record) {
+absl::Status JobTables::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
+                                        const std::vector<double>& checkpoint) {
   const absl::StatusOr<Head*> found = FindHeadForEvent(id, seq);
   if (!found.ok()) return found.status();
   Head& head = **found;
@@ -118,13 +119,15 @@ absl::Status JobTables::AppendIteration(const std::string& id, std::int64_t seq,
   const Gains& k = record.gains;
   absl::Status status = connection_.Run(
       "INSERT INTO iterations (job, iteration, k1, k2, k3, k4, k5, cost, settling_samples, fuel_sum, outcome, "
-      "cost_std, pairs_left_out, pairs_not_settled) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+      "cost_std, pairs_left_out, pairs_not_settled, episodes) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
       head.key, record.iteration, k[0], k[1], k[2], k[3], k[4], record.cost, record.settling_samples, record.fuel_sum,
-      static_cast<int>(record.outcome), record.cost_std, record.pairs_left_out, record.pairs_not_settled);
+      static_cast<int>(record.outcome), record.cost_std, record.pairs_left_out, record.pairs_not_settled,
+      record.episodes);
   if (!status.ok()) return status;
   head.last_seq = seq;
   head.iterations = record.iteration;
   head.progress_changed = true;
+  if (!checkpoint.empty()) head.checkpoint = checkpoint;
   if (!head.best || Better(record, *head.best)) {
     head.best = record;
     head.best_changed = true;
@@ -149,6 +152,10 @@ absl::Status JobTables::ChangeState(const std::string& id, std::int64_t seq, con
       head.key);
   if (status.ok() && report_json) {
     status = connection_.Run("UPDATE job_documents SET report = ? WHERE job = ?", *report_json, head.key);
+  }
+  if (status.ok() && IsTerminal(change.state)) {
+    status = connection_.Run("DELETE FROM checkpoints WHERE job = ?", head.key);
+    head.checkpoint.clear();
   }
   if (status.ok() && change.gain_set) status = InsertGainSet(connection_, *change.gain_set);
   if (!status.ok()) return status;
@@ -188,6 +195,12 @@ absl::Status JobTables::WriteHead(Head& head) {
                                           head.iterations, head.key);
     if (!status.ok()) return status;
     head.progress_changed = false;
+  }
+  if (!head.checkpoint.empty()) {
+    absl::Status status =
+        connection_.Run("INSERT OR REPLACE INTO checkpoints (job, doubles) VALUES (?, ?)", head.key, head.checkpoint);
+    if (!status.ok()) return status;
+    head.checkpoint.clear();
   }
   if (head.best_changed) {
     absl::Status status = connection_.Run("UPDATE jobs SET best_iteration = ?, best_cost = ? WHERE key = ?",

@@ -32,7 +32,8 @@ class JobTables {
 
   // As JobStore's methods of these names.
   absl::StatusOr<JobRecord> CreateJob(const NewJob& job);
-  absl::Status AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record);
+  absl::Status AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
+                               const std::vector<double>& checkpoint);
   // report_json: of change.report, NULL without one.
   absl::Status ChangeState(const std::string& id, std::int64_t seq, const StateChange& change,
                            const std::optional<std::string>& report_json);
@@ -60,6 +61,7 @@ class JobTables {
     std::int64_t last_seq = 0;
     std::int64_t iterations = 0;
     std::optional<IterationRecord> best;
+    std::vector<double> checkpoint;  // empty: none to be written
     bool progress_changed = false;
     bool best_changed = false;
   };

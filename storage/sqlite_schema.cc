@@ -81,6 +81,19 @@ CREATE TABLE deleted_jobs (
 ) STRICT;
 )sql";
 
+// Searches whose state the newest iteration does not tell. All jobs of version 1 are ARS, of 2N + 1 episodes each.
+constexpr std::string_view kVersion2 = R"sql(
+CREATE TABLE checkpoints (
+  job     INTEGER PRIMARY KEY REFERENCES jobs (key) ON DELETE CASCADE,  -- one that has not ended
+  doubles BLOB NOT NULL  -- the search before the newest iteration: doubles, little-endian
+) STRICT;
+
+ALTER TABLE iterations ADD COLUMN episodes INTEGER NOT NULL DEFAULT 0;  -- flown up to and with this one
+UPDATE iterations SET episodes = iteration * coalesce(
+  (SELECT 2 * json_extract(spec, '$.scenario.search.directions') + 1 FROM job_documents
+   WHERE job_documents.job = iterations.job), 0);
+)sql";
+
 // The gains and x(0) stand apart from the document, so that the library is read at start without it.
 constexpr std::string_view kVersion3 = R"sql(
 -- What the gain sets of one digest were flown in.
@@ -113,7 +126,7 @@ CREATE TABLE gain_documents (
 ) STRICT;
 )sql";
 
-constexpr std::array kMigrations{kVersion1, kVersion3};
+constexpr std::array kMigrations{kVersion1, kVersion2, kVersion3};
 
 absl::StatusOr<bool> IsEmpty(Connection& connection) {
   const auto objects = connection.QueryInt("SELECT count(*) FROM sqlite_schema");

@@ -53,7 +53,8 @@ class SqliteStore final : public JobStore {
 
   void CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id, std::string request_digest,
                  Created done) override;
-  void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record, Done done) override;
+  void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
+                       std::vector<double> checkpoint, Done done) override;
   void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) override;
   void DeleteJob(const std::string& id, Done done) override;
 
@@ -106,8 +107,10 @@ void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::strin
                  }});
 }
 
-void SqliteStore::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record, Done done) {
-  writer_.Queue({.apply = [id, seq, record](JobTables& tables) { return tables.AppendIteration(id, seq, record); },
+void SqliteStore::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
+                                  std::vector<double> checkpoint, Done done) {
+  writer_.Queue({.apply = [id, seq, record, checkpoint = std::move(checkpoint)](
+                              JobTables& tables) { return tables.AppendIteration(id, seq, record, checkpoint); },
                  .answer = std::move(done)});
 }
 

@@ -8,7 +8,12 @@ namespace orbitune {
 
 // One standard normal variate for each (seed, stream, a, b, component); Philox4x32-10 (Salmon et al. 2011) and the
 // Box-Muller transform. `stream` separates uses: the search's directions from a distribution's draws.
-enum class RandomStream : std::uint32_t { kSearchDirections = 1, kInitialConditions = 2 };
+enum class RandomStream : std::uint32_t {
+  kSearchDirections = 1,
+  kInitialConditions = 2,
+  kHeldOutInitialConditions = 3,
+  kCmaEs = 4,
+};
 
 struct RandomKey {
   std::uint64_t seed = 0;

@@ -53,19 +53,6 @@ Candidate Stored(const LibraryEntry& entry, double distance) {
           .distance = distance};
 }
 
-int RankOf(Outcome outcome) {
-  switch (outcome) {
-    case Outcome::kSettled:
-      return 0;
-    case Outcome::kNotSettled:
-      return 1;
-    case Outcome::kLeftDomain:
-    case Outcome::kNumericalFailure:
-      break;
-  }
-  return 2;
-}
-
 }  // namespace
 
 std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const ErrorState& x, const Gains& initial_gains,
@@ -90,12 +77,6 @@ std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const Er
   list.Add({.source = Candidate::Source::kInitial, .gains = initial_gains});
   for (const auto& [entry, distance] : around.nearest) list.Add(Stored(entry, distance));
   return std::move(list).Take();
-}
-
-bool RanksBefore(const EpisodeResult& a, const EpisodeResult& b) {
-  const int rank_a = RankOf(a.outcome);
-  const int rank_b = RankOf(b.outcome);
-  return rank_a != rank_b ? rank_a < rank_b : HasCost(a.outcome) && a.cost < b.cost;
 }
 
 QueryAnswer Measure(const PreparedScenario& prepared, const Candidate& candidate, const EpisodeResult& result) {
@@ -123,7 +104,7 @@ QueryResult QueryLibrary(const ScenarioLibrary* library, const PreparedScenario&
 
   std::vector<std::size_t> order(candidates.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-  std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) { return RanksBefore(results[a], results[b]); });
+  std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) { return BetterResult(results[a], results[b]); });
   query.candidates = static_cast<int>(candidates.size());
   query.candidates_settled = static_cast<int>(std::ranges::count(results, Outcome::kSettled, &EpisodeResult::outcome));
   order.resize(std::min(order.size(), static_cast<std::size_t>(options.max_answers)));

@@ -49,9 +49,6 @@ struct QueryResult {
 std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const ErrorState& x, const Gains& initial_gains,
                                         const QueryOptions& options, LibraryPosition& position);
 
-// Whether a is to be answered before b: settled before not settled before the rest, then by cost.
-bool RanksBefore(const EpisodeResult& a, const EpisodeResult& b);
-
 // Flies every candidate from the prepared start through `evaluate`, ranks them by what came out, and measures the
 // answers' effort. prepared: of the new start.
 QueryResult QueryLibrary(const ScenarioLibrary* library, const PreparedScenario& prepared, const Gains& initial_gains,

@@ -109,6 +109,7 @@ Scenario LibraryDefinition(const Scenario& scenario) {
   definition.chaser = std::monostate();
   definition.integration_tolerance = kDefaultIntegrationTolerance;
   definition.search = {};
+  definition.neighbourhood = std::monostate();
   return definition;
 }
 

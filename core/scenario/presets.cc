@@ -39,6 +39,15 @@ Scenario GtoGeo() {
   s.search.iterations = 2000;
   // Sigma_delta = diag(0.1, 1, 1, 1, 10) read as the covariance it is called.
   s.search.exploration_std = {std::sqrt(0.1), 1, 1, 1, std::sqrt(10.0)};
+  constexpr UniformVariate kAnyAngle{.low = 45, .high = 90};
+  s.neighbourhood = KeplerianDistribution{.semi_major_axis_km = FixedValue{24364},
+                                          .eccentricity = FixedValue{0.7306},
+                                          .inclination_deg = kAnyAngle,
+                                          .raan_deg = kAnyAngle,
+                                          .argument_of_periapsis_deg = kAnyAngle,
+                                          .position = KeplerianState::Position::kTrueLongitude,
+                                          .position_deg = FixedValue{30},
+                                          .mirrored_periapsis = true};
   return s;
 }
 
@@ -50,6 +59,7 @@ Scenario GtoGeoPrinted() {
       "Scenario A with the longitude of periapsis as the paper prints it (+127 deg): the closed loop reaches zero "
       "angular momentum and leaves the domain, so that a tuning job on it fails. Kept to show exactly that.";
   std::get<KeplerianState>(s.chaser).argument_of_periapsis_deg = 52;
+  std::get<KeplerianDistribution>(s.neighbourhood).mirrored_periapsis = false;
   return s;
 }
 
@@ -78,6 +88,12 @@ Scenario LeoRendezvous() {
   s.search.iterations = 5000;
   // diag(0.1, 1, 1, 1, 10) itself: with its square roots K5 is far from its optimum after 5000 iterations.
   s.search.exploration_std = {0.1, 1, 1, 1, 10};
+  s.neighbourhood = EquinoctialDistribution{.p_km = NormalVariate{target.p_km, 20},
+                                            .ex = NormalVariate{0, 3e-5},
+                                            .ey = NormalVariate{0, 3e-5},
+                                            .hx = NormalVariate{target.hx, 2e-3},
+                                            .hy = NormalVariate{0, 2e-3},
+                                            .true_longitude_deg = NormalVariate{target.true_longitude_deg, 0.5}};
   return s;
 }
 

@@ -62,6 +62,9 @@ absl::Status Scenario::Validate() const {
   if (!(integration_tolerance >= 1e-13 && integration_tolerance <= 1e-5)) {
     errors.AddNumber("integration_tolerance", "in [1e-13, 1e-5]", integration_tolerance);
   }
+  if (!std::holds_alternative<std::monostate>(neighbourhood)) {
+    errors.Merge("initial_condition_distribution", orbitune::Validate(neighbourhood));
+  }
   return errors.ToStatus();
 }
 

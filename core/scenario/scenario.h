@@ -3,8 +3,10 @@
 
 #include <string>
 
+#include "core/scenario/distribution.h"
 #include "core/scenario/orbit_state.h"
-#include "core/search/ars.h"
+#include "core/search/options.h"
+#include "core/sim/episode.h"
 
 namespace orbitune {
 
@@ -25,7 +27,8 @@ struct Scenario {
   double acceleration_unit_m_s2 = 0;  // of K2..K5 and of the control in the cost; 0: mu / p_r^2
   ControlHold control_hold = ControlHold::kContinuous;
   double integration_tolerance = kDefaultIntegrationTolerance;
-  ArsOptions search;
+  SearchOptions search;
+  IcDistribution neighbourhood;  // what campaigns draw from; no part of what a job flies
 
   static constexpr int kMaxHorizonSamples = 100'000;
   static constexpr double kMaxFuelWeight = 1e9;

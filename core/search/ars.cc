@@ -4,85 +4,81 @@
 #include <cmath>
 
 #include "absl/strings/str_cat.h"
-#include "core/base/check.h"
 #include "core/base/random.h"
 
 namespace orbitune {
 namespace {
 
-std::string Element(std::string_view field, int i) { return absl::StrCat(ToAbsl(field), ".k", i + 1); }
+// A direction whose two episodes have a cost.
+struct Pair {
+  const EpisodeResult* plus;
+  const EpisodeResult* minus;
+  const Gains* direction;
+};
 
-// The pairs of one iteration whose episodes both have a cost.
+std::vector<Pair> UsablePairs(std::span<const EpisodeResult> results, const std::vector<Gains>& directions) {
+  std::vector<Pair> pairs;
+  for (std::size_t j = 0; j < directions.size(); ++j) {
+    const EpisodeResult& plus = results[1 + 2 * j];
+    const EpisodeResult& minus = results[2 + 2 * j];
+    if (HasCost(plus.outcome) && HasCost(minus.outcome)) pairs.push_back({&plus, &minus, &directions[j]});
+  }
+  return pairs;
+}
+
+// The b with the least min(J+, J-), the earlier of equals, in the order they were in.
+void KeepTop(std::vector<Pair>& pairs, std::size_t b) {
+  if (b == 0 || b >= pairs.size()) return;
+  const auto least = [](const Pair& p) { return std::min(p.plus->cost, p.minus->cost); };
+  std::vector<Pair> ranked = pairs;
+  std::ranges::stable_sort(ranked, {}, least);
+  ranked.resize(b);
+  std::erase_if(pairs, [&](const Pair& p) {
+    return std::ranges::none_of(ranked, [&](const Pair& kept) { return kept.plus == p.plus; });
+  });
+}
+
 struct PairStatistics {
-  int used = 0;
-  int not_settled = 0;
   double cost_std = 0;  // sigma_J
   Gains ascent{};       // sum over the pairs of (J+ - J-) delta_j
 };
 
-PairStatistics Summarise(std::span<const EpisodeResult> results, const std::vector<Gains>& directions) {
-  PairStatistics pairs;
+PairStatistics Summarise(const std::vector<Pair>& pairs) {
+  PairStatistics statistics;
   double sum = 0;
-  const auto for_each_used = [&](auto&& visit) {
-    for (std::size_t j = 0; j < directions.size(); ++j) {
-      const EpisodeResult& plus = results[1 + 2 * j];
-      const EpisodeResult& minus = results[2 + 2 * j];
-      if (HasCost(plus.outcome) && HasCost(minus.outcome)) visit(plus, minus, directions[j]);
+  for (const Pair& p : pairs) {
+    sum += p.plus->cost;
+    sum += p.minus->cost;
+    for (std::size_t i = 0; i < kGainCount; ++i) {
+      statistics.ascent[i] += (p.plus->cost - p.minus->cost) * (*p.direction)[i];
     }
-  };
-  for_each_used([&](const EpisodeResult& plus, const EpisodeResult& minus, const Gains& direction) {
-    ++pairs.used;
-    if (plus.outcome == Outcome::kNotSettled || minus.outcome == Outcome::kNotSettled) ++pairs.not_settled;
-    sum += plus.cost;
-    sum += minus.cost;
-    for (std::size_t i = 0; i < kGainCount; ++i) pairs.ascent[i] += (plus.cost - minus.cost) * direction[i];
-  });
-  if (pairs.used == 0) return pairs;
-  const double mean = sum / (2 * pairs.used);
+  }
+  const auto n = static_cast<double>(2 * pairs.size());
+  const double mean = sum / n;
   double squares = 0;
-  for_each_used([&](const EpisodeResult& plus, const EpisodeResult& minus, const Gains&) {
-    squares += (plus.cost - mean) * (plus.cost - mean);
-    squares += (minus.cost - mean) * (minus.cost - mean);
-  });
-  pairs.cost_std = std::sqrt(squares / (2 * pairs.used));
-  return pairs;
+  for (const Pair& p : pairs) {
+    squares += (p.plus->cost - mean) * (p.plus->cost - mean);
+    squares += (p.minus->cost - mean) * (p.minus->cost - mean);
+  }
+  statistics.cost_std = std::sqrt(squares / n);
+  return statistics;
+}
+
+double Factor(Schedule schedule, int iteration, int iterations) {
+  switch (schedule) {
+    case Schedule::kConstant:
+      break;
+    case Schedule::kLinear:
+      return 1 - static_cast<double>(iteration - 1) / iterations;
+    case Schedule::kInverseSqrt:
+      return 1 / std::sqrt(static_cast<double>(iteration));
+  }
+  return 1;
 }
 
 }  // namespace
 
-absl::Status ArsOptions::Validate() const {
-  FieldErrors errors;
-  const auto positive = [&errors](std::string_view field, double value) {
-    if (!(std::isfinite(value) && value > 0)) errors.AddNumber(field, "> 0 and finite", value);
-  };
-  if (iterations < 1 || iterations > kMaxIterations) {
-    errors.AddNumber("iterations", absl::StrCat("in [1, ", kMaxIterations, "]"), iterations);
-  }
-  if (directions < 1 || directions > kMaxDirections) {
-    errors.AddNumber("directions", absl::StrCat("in [1, ", kMaxDirections, "]"), directions);
-  }
-  positive("step_size", step_size);
-  positive("exploration_scale", exploration_scale);
-  positive("gain_floor", gain_floor);
-  for (int i = 0; i < kGainCount; ++i) {
-    const double gain = initial_gains[static_cast<std::size_t>(i)];
-    if (!(gain >= gain_floor && gain <= kMaxGain)) {
-      errors.AddNumber(
-          Element("initial_gains", i),
-          absl::StrCat("in [gain_floor, ", kMaxGain, "] = [", FormatNumber(gain_floor), ", ", kMaxGain, "]"), gain);
-    }
-    const double std = exploration_std[static_cast<std::size_t>(i)];
-    if (!(std >= 0 && std <= kMaxGain)) {
-      errors.AddNumber(Element("exploration_std", i), absl::StrCat("in [0, ", kMaxGain, "]"), std);
-    }
-  }
-  if (std::ranges::all_of(exploration_std, [](double std) { return std == 0; })) {
-    errors.Add("exploration_std", "> 0 for at least one gain", "0 for all");
-  }
-  return errors.ToStatus();
-}
-
-Gains SearchDirection(const ArsOptions& options, int iteration, int direction) {
+Gains SearchDirection(const SearchOptions& options, int iteration, int direction) {
   const RandomKey key{.seed = options.seed,
                       .stream = RandomStream::kSearchDirections,
                       .a = static_cast<std::uint32_t>(iteration),
@@ -92,71 +88,62 @@ Gains SearchDirection(const ArsOptions& options, int iteration, int direction) {
   return delta;
 }
 
-ArsSearch::ArsSearch(const ArsOptions& options) : options_(options), iteration_(1), gains_(options.initial_gains) {
-  FillBatch();
+ArsSearch::ArsSearch(const SearchOptions& options) : Optimiser(options), gains_(options.initial_gains) { Begin(); }
+
+bool ArsSearch::Restore(std::span<const double> state, const IterationRecord& record) {
+  gains_ = record.gains;
+  return state.empty();
 }
 
-ArsSearch::ArsSearch(const ArsOptions& options, const IterationRecord& last)
-    : options_(options), iteration_(last.iteration), gains_(last.gains) {
-  FillBatch();
-}
-
-void ArsSearch::FillBatch() {
-  directions_.clear();
-  batch_.assign(1, gains_);
-  for (int j = 0; j < options_.directions; ++j) {
-    const Gains& delta = directions_.emplace_back(SearchDirection(options_, iteration_, j));
-    for (const double sign : {1.0, -1.0}) {
-      Gains& k = batch_.emplace_back(gains_);
-      for (std::size_t i = 0; i < kGainCount; ++i) {
-        k[i] =
-            std::clamp(k[i] + sign * options_.exploration_scale * delta[i], options_.gain_floor, ArsOptions::kMaxGain);
-      }
+Gains ArsSearch::Moved(double step, const Gains& direction) const {
+  Gains k = gains_;
+  for (std::size_t i = 0; i < kGainCount; ++i) {
+    if (options().ars_variants.log_gains) {
+      k[i] *= std::exp(step * direction[i] / options().initial_gains[i]);
+    } else {
+      k[i] += step * direction[i];
     }
   }
+  return WithinBounds(options(), k);
 }
 
-absl::StatusOr<IterationRecord> ArsSearch::Update(std::span<const EpisodeResult> results) {
-  ORBITUNE_CHECK(results.size() == batch_.size());
-  const EpisodeResult& own = results[0];
-  const PairStatistics pairs = Summarise(results, directions_);
-  if (pairs.used == 0) {
+void ArsSearch::Propose(std::vector<Gains>& batch) {
+  const double scale = options().exploration_scale *
+                       Factor(options().ars_variants.exploration_schedule, iteration(), options().iterations);
+  directions_.clear();
+  batch.assign(1, gains_);
+  for (int j = 0; j < options().directions; ++j) {
+    const Gains& delta = directions_.emplace_back(SearchDirection(options(), iteration(), j));
+    for (const double sign : {1.0, -1.0}) batch.push_back(Moved(sign * scale, delta));
+  }
+}
+
+absl::StatusOr<IterationRecord> ArsSearch::Learn(std::span<const EpisodeResult> results) {
+  std::vector<Pair> pairs = UsablePairs(results, directions_);
+  if (pairs.empty()) {
     return absl::FailedPreconditionError(
-        absl::StrCat("iteration ", iteration_, ": all ", options_.directions,
+        absl::StrCat("iteration ", iteration(), ": all ", options().directions,
                      " pairs of episodes left the domain or failed, so there is no cost to improve"));
   }
-  IterationRecord record{.iteration = iteration_,
-                         .gains = gains_,
+  const EpisodeResult& own = results[0];
+  IterationRecord record{.gains = gains_,
                          .outcome = own.outcome,
                          .cost = own.cost,
                          .settling_samples = own.settling_samples,
                          .fuel_sum = own.fuel_sum,
-                         .cost_std = pairs.cost_std,
-                         .pairs_left_out = options_.directions - pairs.used,
-                         .pairs_not_settled = pairs.not_settled};
-  if (pairs.cost_std > 0) {
-    const double scale = options_.step_size / (pairs.used * pairs.cost_std);
-    for (std::size_t i = 0; i < kGainCount; ++i) {
-      gains_[i] = std::clamp(gains_[i] - scale * pairs.ascent[i], options_.gain_floor, ArsOptions::kMaxGain);
-    }
+                         .pairs_left_out = options().directions - static_cast<int>(pairs.size())};
+  record.pairs_not_settled = static_cast<int>(std::ranges::count_if(pairs, [](const Pair& p) {
+    return p.plus->outcome == Outcome::kNotSettled || p.minus->outcome == Outcome::kNotSettled;
+  }));
+  KeepTop(pairs, static_cast<std::size_t>(options().ars_variants.top_directions));
+  const PairStatistics statistics = Summarise(pairs);
+  record.cost_std = statistics.cost_std;
+  if (statistics.cost_std > 0) {
+    const double step =
+        options().step_size * Factor(options().ars_variants.step_schedule, iteration(), options().iterations);
+    gains_ = Moved(-step / (static_cast<double>(pairs.size()) * statistics.cost_std), statistics.ascent);
   }
-  ++iteration_;
-  FillBatch();
   return record;
-}
-
-absl::Status RunArs(const ArsOptions& options, const Evaluate& evaluate,
-                    const std::function<void(const IterationRecord&)>& observe) {
-  if (absl::Status status = options.Validate(); !status.ok()) return status;
-  ArsSearch search(options);
-  std::vector<EpisodeResult> results(search.batch().size());
-  while (!search.done()) {
-    evaluate(search.batch(), results);
-    auto record = search.Update(results);
-    if (!record.ok()) return record.status();
-    observe(*record);
-  }
-  return absl::OkStatus();
 }
 
 }  // namespace orbitune

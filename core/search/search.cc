@@ -1,7 +1,6 @@
 #include "core/search/search.h"
 
 #include <bit>
-#include <cstdint>
 
 namespace orbitune {
 namespace {
@@ -12,6 +11,12 @@ bool SameBits(double a, double b) {
 
 int Rank(Outcome outcome) { return outcome == Outcome::kSettled ? 0 : outcome == Outcome::kNotSettled ? 1 : 2; }
 
+template <typename T>
+bool BetterOf(const T& a, const T& b) {
+  if (Rank(a.outcome) != Rank(b.outcome)) return Rank(a.outcome) < Rank(b.outcome);
+  return a.cost < b.cost;
+}
+
 }  // namespace
 
 bool Identical(const IterationRecord& a, const IterationRecord& b) {
@@ -21,12 +26,10 @@ bool Identical(const IterationRecord& a, const IterationRecord& b) {
   return a.iteration == b.iteration && a.outcome == b.outcome && SameBits(a.cost, b.cost) &&
          a.settling_samples == b.settling_samples && SameBits(a.fuel_sum, b.fuel_sum) &&
          SameBits(a.cost_std, b.cost_std) && a.pairs_left_out == b.pairs_left_out &&
-         a.pairs_not_settled == b.pairs_not_settled;
+         a.pairs_not_settled == b.pairs_not_settled && a.episodes == b.episodes;
 }
 
-bool Better(const IterationRecord& a, const IterationRecord& b) {
-  if (Rank(a.outcome) != Rank(b.outcome)) return Rank(a.outcome) < Rank(b.outcome);
-  return a.cost < b.cost;
-}
+bool Better(const IterationRecord& a, const IterationRecord& b) { return BetterOf(a, b); }
+bool BetterResult(const EpisodeResult& a, const EpisodeResult& b) { return BetterOf(a, b); }
 
 }  // namespace orbitune

@@ -62,10 +62,26 @@ void SetReduction(const EpisodeReport& before, const EpisodeReport& after, v1::R
   out->set_peak_acceleration_percent(ReductionPercent(before.peak_acceleration_m_s2, after.peak_acceleration_m_s2));
 }
 
+void ToProto(const Spread& spread, v1::EnsembleResult::Spread* out) {
+  out->set_mean(OrZero(spread.mean));
+  out->set_min(OrZero(spread.min));
+  out->set_max(OrZero(spread.max));
+}
+
 void ToProto(const GainsAssessment& assessed, v1::GainsAssessment* out) {
   out->set_iteration(assessed.iteration);
   orbitune::ToProto(assessed.gains, out->mutable_gains());
   orbitune::ToProto(assessed.episode, out->mutable_result());
+  if (!assessed.ensemble) return;
+  const EnsembleReport& e = *assessed.ensemble;
+  v1::EnsembleResult* ensemble = out->mutable_ensemble();
+  ensemble->set_initial_conditions(e.initial_conditions);
+  ensemble->set_settled(e.settled);
+  if (!std::isnan(e.objective)) ensemble->set_objective(e.objective);
+  ToProto(e.cost, ensemble->mutable_cost());
+  ToProto(e.cost_reduction_percent, ensemble->mutable_cost_reduction_percent());
+  ToProto(e.settling_time_reduction_percent, ensemble->mutable_settling_time_reduction_percent());
+  ToProto(e.fuel_sum_reduction_percent, ensemble->mutable_fuel_sum_reduction_percent());
 }
 
 void ToProto(const EquinoctialElements& canonical, double length_km, v1::EquinoctialElements* out) {
@@ -152,7 +168,20 @@ absl::StatusOr<NewJob> FromProto(const v1::Job& job) {
   }
   created.scenario = *std::move(scenario);
   created.initial_condition = FromProto(job.initial_condition());
-  created.search = FromProto(job.hyperparameters());
+  for (const v1::OrbitState& state : job.initial_conditions()) created.initial_conditions.push_back(FromProto(state));
+  created.warm_start = job.warm_start();
+  FieldErrors errors;
+  if (auto objective = FromProto(job.objective()); objective.ok()) {
+    created.objective = *objective;
+  } else {
+    errors.Merge("job.objective", objective.status());
+  }
+  if (auto search = FromProto(job.hyperparameters()); search.ok()) {
+    created.search = *search;
+  } else {
+    errors.Merge("job.hyperparameters", search.status());
+  }
+  if (!errors.empty()) return errors.ToStatus();
   return created;
 }
 
@@ -181,6 +210,7 @@ void ToProto(const IterationRecord& record, v1::Iteration* out) {
   out->set_cost_std(record.cost_std);
   out->set_pairs_left_out(record.pairs_left_out);
   out->set_pairs_not_settled(record.pairs_not_settled);
+  out->set_episodes(record.episodes);
 }
 
 void ToProto(const EpisodeReport& report, v1::EpisodeResult* out) {
@@ -219,7 +249,14 @@ void ToProto(const JobRecord& record, v1::Job* out) {
   for (const auto& [key, value] : spec.labels) (*out->mutable_labels())[key] = value;
   if (!spec.scenario.id.empty()) out->set_scenario(absl::StrCat("scenarios/", spec.scenario.id));
   ToProto(spec.scenario, out->mutable_scenario_definition());
-  ToProto(spec.initial_condition, out->mutable_initial_condition());
+  if (spec.initial_conditions.empty()) {
+    ToProto(spec.initial_condition, out->mutable_initial_condition());
+  } else {
+    for (const OrbitState& state : spec.initial_conditions) ToProto(state, out->add_initial_conditions());
+    ToProto(spec.objective, out->mutable_objective());
+  }
+  out->set_warm_start(spec.warm_start);
+  if (!spec.campaign_id.empty()) out->set_campaign(absl::StrCat("campaigns/", spec.campaign_id));
   ToProto(spec.scenario.search, out->mutable_hyperparameters());
   if (record.id.empty()) return;
   out->set_name(absl::StrCat("jobs/", record.id));

@@ -12,6 +12,16 @@ struct Overloaded : Ts... {
 
 constexpr std::string_view kScenarios = "scenarios/";
 
+// A protobuf enum whose values are the domain's, one further on; its 0 is "not given".
+template <typename E, typename P>
+void ReadEnum(FieldErrors& errors, std::string_view field, P given, bool (*is_valid)(int), std::optional<E>& out) {
+  if (!is_valid(given)) {
+    errors.Add(field, "one of the values that this version knows", absl::StrCat(static_cast<int>(given)));
+  } else if (given != 0) {
+    out = static_cast<E>(static_cast<int>(given) - 1);
+  }
+}
+
 }  // namespace
 
 Gains FromProto(const v1::Gains& g) { return {g.k1(), g.k2(), g.k3(), g.k4(), g.k5()}; }
@@ -124,7 +134,14 @@ absl::StatusOr<Scenario> FromProto(const v1::Scenario& p) {
       return InvalidField("scenario_definition.control_hold", "CONTINUOUS or ZERO_ORDER", p.control_hold());
   }
   if (p.integration_tolerance() != 0) s.integration_tolerance = p.integration_tolerance();
-  FromProto(p.hyperparameters()).ApplyTo(s.search);
+  const auto search = FromProto(p.hyperparameters());
+  if (!search.ok()) {
+    FieldErrors errors;
+    errors.Merge("scenario_definition.hyperparameters", search.status());
+    return errors.ToStatus();
+  }
+  search->ApplyTo(s.search);
+  if (p.has_initial_condition_distribution()) s.neighbourhood = FromProto(p.initial_condition_distribution());
   return s;
 }
 
@@ -145,9 +162,12 @@ void ToProto(const Scenario& s, v1::Scenario* out) {
                                                                    : v1::CONTROL_HOLD_ZERO_ORDER);
   out->set_integration_tolerance(s.integration_tolerance);
   ToProto(s.search, out->mutable_hyperparameters());
+  if (!std::holds_alternative<std::monostate>(s.neighbourhood)) {
+    ToProto(s.neighbourhood, out->mutable_initial_condition_distribution());
+  }
 }
 
-SearchOverrides FromProto(const v1::Hyperparameters& p) {
+absl::StatusOr<SearchOverrides> FromProto(const v1::Hyperparameters& p) {
   SearchOverrides s;
   if (p.has_iterations()) s.iterations = p.iterations();
   if (p.has_step_size()) s.step_size = p.step_size();
@@ -157,10 +177,28 @@ SearchOverrides FromProto(const v1::Hyperparameters& p) {
   if (p.has_exploration_std()) s.exploration_std = FromProto(p.exploration_std());
   if (p.has_gain_floor()) s.gain_floor = p.gain_floor();
   if (p.has_seed()) s.seed = p.seed();
+  if (p.has_max_episodes()) s.max_episodes = p.max_episodes();
+  if (p.plateau_stop().has_iterations()) s.plateau_iterations = p.plateau_stop().iterations();
+  if (p.plateau_stop().has_min_improvement()) s.plateau_min_improvement = p.plateau_stop().min_improvement();
+  if (p.cma_es().has_population()) s.population = p.cma_es().population();
+  if (p.cma_es().has_initial_sigma()) s.initial_sigma = p.cma_es().initial_sigma();
+  if (p.cma_es().has_restarts()) s.cma_es_restarts = p.cma_es().restarts();
+  if (p.cma_es().has_population_growth()) s.population_growth = p.cma_es().population_growth();
+  if (p.nelder_mead().has_initial_step()) s.initial_step = p.nelder_mead().initial_step();
+  if (p.nelder_mead().has_restarts()) s.nelder_mead_restarts = p.nelder_mead().restarts();
+  const v1::ArsVariants& ars = p.ars_variants();
+  if (ars.has_top_directions()) s.top_directions = ars.top_directions();
+  if (ars.has_log_gains()) s.log_gains = ars.log_gains();
+  FieldErrors errors;
+  ReadEnum(errors, "algorithm", p.algorithm(), v1::Algorithm_IsValid, s.algorithm);
+  ReadEnum(errors, "ars_variants.step_schedule", ars.step_schedule(), v1::Schedule_IsValid, s.step_schedule);
+  ReadEnum(errors, "ars_variants.exploration_schedule", ars.exploration_schedule(), v1::Schedule_IsValid,
+           s.exploration_schedule);
+  if (!errors.empty()) return errors.ToStatus();
   return s;
 }
 
-void ToProto(const ArsOptions& options, v1::Hyperparameters* out) {
+void ToProto(const SearchOptions& options, v1::Hyperparameters* out) {
   out->set_iterations(options.iterations);
   out->set_step_size(options.step_size);
   out->set_exploration_scale(options.exploration_scale);
@@ -169,6 +207,39 @@ void ToProto(const ArsOptions& options, v1::Hyperparameters* out) {
   ToProto(options.exploration_std, out->mutable_exploration_std());
   out->set_gain_floor(options.gain_floor);
   out->set_seed(options.seed);
+  out->set_algorithm(static_cast<v1::Algorithm>(static_cast<int>(options.algorithm) + 1));
+  out->set_max_episodes(options.max_episodes);
+  out->mutable_plateau_stop()->set_iterations(options.plateau_stop.iterations);
+  out->mutable_plateau_stop()->set_min_improvement(options.plateau_stop.min_improvement);
+  v1::ArsVariants* ars = out->mutable_ars_variants();
+  ars->set_top_directions(options.ars_variants.top_directions);
+  ars->set_step_schedule(static_cast<v1::Schedule>(static_cast<int>(options.ars_variants.step_schedule) + 1));
+  ars->set_exploration_schedule(
+      static_cast<v1::Schedule>(static_cast<int>(options.ars_variants.exploration_schedule) + 1));
+  ars->set_log_gains(options.ars_variants.log_gains);
+  v1::CmaEsOptions* cma_es = out->mutable_cma_es();
+  cma_es->set_population(options.cma_es.population);
+  cma_es->set_initial_sigma(options.cma_es.initial_sigma);
+  cma_es->set_restarts(options.cma_es.restarts);
+  cma_es->set_population_growth(options.cma_es.population_growth);
+  out->mutable_nelder_mead()->set_initial_step(options.nelder_mead.initial_step);
+  out->mutable_nelder_mead()->set_restarts(options.nelder_mead.restarts);
+}
+
+absl::StatusOr<Objective> FromProto(const v1::Objective& p) {
+  Objective objective{.level = p.level(), .relative_to_initial = p.relative_to_initial()};
+  FieldErrors errors;
+  std::optional<Aggregate> aggregate;
+  ReadEnum(errors, "aggregate", p.aggregate(), v1::Aggregate_IsValid, aggregate);
+  if (!errors.empty()) return errors.ToStatus();
+  objective.aggregate = aggregate.value_or(Aggregate::kMean);
+  return objective;
+}
+
+void ToProto(const Objective& objective, v1::Objective* out) {
+  out->set_aggregate(static_cast<v1::Aggregate>(static_cast<int>(objective.aggregate) + 1));
+  out->set_level(objective.level);
+  out->set_relative_to_initial(objective.relative_to_initial);
 }
 
 absl::StatusOr<std::string> IdFromName(std::string_view collection, std::string_view name, std::string_view field) {

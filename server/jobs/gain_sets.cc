@@ -5,6 +5,7 @@
 
 #include "core/base/version.h"
 #include "core/library/scenario_digest.h"
+#include "storage/serialise.h"
 
 namespace orbitune {
 namespace {
@@ -32,7 +33,7 @@ GainSet MakeGainSet(const JobRecord& job, const PreparedScenario& prepared, cons
   const JobSpec& spec = job.spec;
   GainSet set;
   set.id = job.id;
-  set.kind = GainSetKind::kTuned;
+  set.kind = spec.initial_conditions.empty() ? GainSetKind::kTuned : GainSetKind::kRobust;
   set.display_name = spec.display_name;
   set.create_time_us = now;
   set.gains = report.best.gains;
@@ -40,11 +41,14 @@ GainSet MakeGainSet(const JobRecord& job, const PreparedScenario& prepared, cons
   set.acceleration_unit_m_s2 = prepared.acceleration_unit_m_s2;
   set.scenario = LibraryDefinition(spec.scenario);
   set.scenario_digest = ScenarioDigest(spec.scenario);
-  set.initial_condition = spec.initial_condition;
-  set.initial_error = prepared.problem.initial_error;
+  if (set.kind == GainSetKind::kTuned) {
+    set.initial_condition = spec.initial_condition;
+    set.initial_error = prepared.problem.initial_error;
+  }
   set.job_id = job.id;
+  set.campaign_id = spec.campaign_id;
   set.iteration = report.best.iteration;
-  set.algorithm = "ARS";
+  set.algorithm = NameOf(spec.scenario.search.algorithm);
   set.seed = spec.scenario.search.seed;
   set.engine_version = EngineVersion();
   set.flight = ToFlight(report.best, lyapunov_decreasing);

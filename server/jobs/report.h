@@ -11,8 +11,9 @@ inline constexpr double kChemicalEngineLimitMS2 = 1.0;
 
 EpisodeReport ToReport(const EpisodeResult& result, const PreparedScenario& prepared);
 
-// results: of K(1), K(M) and the best K, in that order, over the full horizon with their effort measured.
-JobReport BuildReport(const JobRecord& job, const PreparedScenario& prepared, std::span<const EpisodeResult> results,
-                      std::int64_t pairs_left_out);
+// prepared: of each initial condition. results: of K(1), K(M) and the best K, in that order, each from every initial
+// condition in theirs, over the full horizon with their effort measured.
+JobReport BuildReport(const JobRecord& job, std::span<const PreparedScenario> prepared,
+                      std::span<const EpisodeResult> results, std::int64_t pairs_left_out);
 
 }  // namespace orbitune

@@ -1,12 +1,13 @@
 #include "server/jobs/scheduler.h"
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
-#include "core/search/ars.h"
+#include "core/search/ensemble_search.h"
 #include "core/simd/batch_simulator.h"
 #include "server/jobs/gain_sets.h"
 #include "server/jobs/report.h"
@@ -45,48 +46,59 @@ absl::Status WrongState(const std::string& id, JobState state, std::string_view 
 // One batch after the other: the search's iterations, then the report's three episodes. Everything but what `claimed`
 // and `finished` count is touched by one worker at a time: the one that ended the batch.
 struct Scheduler::Run {
-  Run(const JobRecord& record, PreparedScenario p) : prepared(std::move(p)) {
-    const ArsOptions& options = record.spec.scenario.search;
-    if (record.completed_iterations() == options.iterations) return;  // the report is all that is left
-    if (record.latest) {
-      search.emplace(options, *record.latest);
-      replayed = record.latest;
-    } else {
-      search.emplace(options);
-    }
+  // prepared: of each initial condition.
+  explicit Run(std::vector<PreparedScenario> p) : prepared(std::move(p)) {}
+
+  // To be called once, first.
+  absl::Status Start(const JobRecord& record) {
+    search.emplace(record.spec.scenario.search, record.spec.objective, prepared.size());
+    if (!record.latest) return absl::OkStatus();
+    replayed = record.latest;
+    return search->Resume(*record.latest, record.checkpoint);
   }
 
-  const PreparedScenario prepared;
-  std::optional<ArsSearch> search;          // none in the report
+  const std::vector<PreparedScenario> prepared;
+  std::optional<EnsembleSearch> search;     // none in the report
   std::optional<IterationRecord> replayed;  // the first iteration must come out as this stored one
   std::vector<Gains> report_gains;
   std::vector<EpisodeResult> results;
-  bool lyapunov_decreasing = true;  // of the report's last gains, the best
+  std::atomic<bool> lyapunov_decreasing = true;  // under the report's last gains, the best
   std::size_t claimed = 0;
   std::size_t finished = 0;
-
-  std::span<const Gains> batch() const { return search ? search->batch() : report_gains; }
 
   // The report's episodes go the whole horizon and have their effort measured.
   void Simulate(std::size_t begin, std::size_t count) {
     const std::span<EpisodeResult> out = std::span(results).subspan(begin, count);
-    const std::span<const Gains> gains = batch().subspan(begin, count);
     if (search) {
       std::vector<BatchEpisode> episodes;
-      for (const Gains& k : gains) episodes.push_back({.problem = &prepared.problem, .gains = k});
+      for (std::size_t e = begin; e < begin + count; ++e) {
+        episodes.push_back({.problem = &prepared[search->initial_condition(e)].problem, .gains = search->gains(e)});
+      }
       return SimulateBatch(episodes, out);
     }
     for (std::size_t i = 0; i < count; ++i) {
-      const WatchedEpisode episode = FlyWatched(prepared.problem, gains[i], {.early_exit = false});
+      const std::size_t e = begin + i;
+      const WatchedEpisode episode =
+          FlyWatched(prepared[e % prepared.size()].problem, report_gains[e / prepared.size()], {.early_exit = false});
       out[i] = episode.result;
-      if (begin + i + 1 == results.size()) lyapunov_decreasing = episode.lyapunov_decreasing;
+      if (!episode.lyapunov_decreasing && e / prepared.size() + 1 == report_gains.size()) lyapunov_decreasing = false;
     }
   }
 
+  // Why there is no cost under the first gains of the batch; empty if there is one.
+  std::string DescribeFirst() const {
+    for (std::size_t i = 0; i < prepared.size(); ++i) {
+      if (HasCost(results[i].outcome)) continue;
+      const std::string from = prepared.size() == 1 ? "" : absl::StrCat("from initial condition ", i, ", ");
+      return absl::StrCat("Under K(", search->iteration(), "): ", from, DescribeOutcome(results[i], prepared[i]));
+    }
+    return "";
+  }
+
   void NextBatch(const JobRecord& record) {
-    if (search && search->done()) search.reset();
+    if (search && !replayed && search->done()) search.reset();
     if (!search) report_gains = {record.first->gains, record.latest->gains, record.best->gains};
-    results.assign(batch().size(), {});
+    results.assign(search ? search->episodes() : report_gains.size() * prepared.size(), {});
     claimed = finished = 0;
   }
 };
@@ -191,14 +203,20 @@ void Scheduler::StartWaiting() {
 
 // mutex_ held.
 void Scheduler::Begin(Entry& entry) {
-  // The spec was validated when the job was created.
-  auto prepared = Prepare(entry.record.spec.scenario, entry.record.spec.initial_condition);
-  if (!prepared.ok()) {
+  const auto fail = [&](const absl::Status& status) {
     RemoveFromRing(entry);
-    ChangeState(entry, {.state = JobState::kFailed, .message = std::string(prepared.status().message())}, {});
-    return;
+    ChangeState(entry, {.state = JobState::kFailed, .message = std::string(status.message())}, {});
+  };
+  // The spec was validated when the job was created.
+  std::vector<PreparedScenario> prepared;
+  for (const OrbitState& start : entry.record.spec.starts()) {
+    auto one = Prepare(entry.record.spec.scenario, start);
+    if (!one.ok()) return fail(one.status());
+    prepared.push_back(*std::move(one));
   }
-  entry.run = std::make_shared<Run>(entry.record, *std::move(prepared));
+  auto run = std::make_shared<Run>(std::move(prepared));
+  if (absl::Status status = run->Start(entry.record); !status.ok()) return fail(status);
+  entry.run = std::move(run);
   entry.run->NextBatch(entry.record);
   if (entry.record.state != JobState::kRunning) ChangeState(entry, {.state = JobState::kRunning}, {});
 }
@@ -251,9 +269,11 @@ void Scheduler::FinishBatch(const Chunk& last, Lock& lock) {
   if (run.search) {
     // The run is this worker's alone: every episode is claimed.
     lock.unlock();
+    std::vector<double> checkpoint = run.search->checkpoint();
     const auto record = run.search->Update(run.results);
     lock.lock();
-    if (entry.run == last.run) FinishIteration(entry, run, record);  // else paused or cancelled meanwhile
+    // Else paused or cancelled meanwhile.
+    if (entry.run == last.run) FinishIteration(entry, run, record, std::move(checkpoint));
   } else if (entry.run == last.run) {
     FinishReport(entry, run);
   }
@@ -261,7 +281,8 @@ void Scheduler::FinishBatch(const Chunk& last, Lock& lock) {
 }
 
 // mutex_ held.
-void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record) {
+void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record,
+                                std::vector<double> checkpoint) {
   const auto fail = [&](std::string message) {
     RemoveFromRing(entry);
     ChangeState(entry, {.state = JobState::kFailed, .message = std::move(message)}, {});
@@ -269,9 +290,7 @@ void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<Ite
   };
   if (!record.ok()) {
     std::string message(record.status().message());
-    if (const std::string outcome = DescribeOutcome(run.results[0], run.prepared); !outcome.empty()) {
-      absl::StrAppend(&message, ". Under K(", run.search->iteration(), "): ", outcome);
-    }
+    if (const std::string outcome = run.DescribeFirst(); !outcome.empty()) absl::StrAppend(&message, ". ", outcome);
     return fail(std::move(message));
   }
   JobRecord& job = entry.record;
@@ -288,16 +307,18 @@ void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<Ite
     if (!job.first) job.first = *record;
     if (!job.best || Better(*record, *job.best)) job.best = *record;
     job.latest = *record;
+    job.checkpoint = checkpoint;
     entry.pairs_left_out += record->pairs_left_out;
     ++entry.uncommitted;
-    store_.AppendIteration(job.id, seq, *record, [this, self, id = job.id, seq, r = *record](const absl::Status& s) {
+    const auto done = [this, self, id = job.id, seq, r = *record](const absl::Status& s) {
       if (s.ok()) {
         hub_.Publish(id, {.seq = seq, .what = r});
       } else {
         Refused(self, s);
       }
       Committed(self);
-    });
+    };
+    store_.AppendIteration(job.id, seq, *record, std::move(checkpoint), done);
   }
   run.NextBatch(job);
 }
@@ -306,7 +327,7 @@ void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<Ite
 void Scheduler::FinishReport(Entry& entry, Run& run) {
   StateChange change{.state = JobState::kSucceeded};
   change.report = BuildReport(entry.record, run.prepared, run.results, entry.pairs_left_out);
-  change.gain_set = MakeGainSet(entry.record, run.prepared, *change.report, run.lyapunov_decreasing, NowUs());
+  change.gain_set = MakeGainSet(entry.record, run.prepared.front(), *change.report, run.lyapunov_decreasing, NowUs());
   RemoveFromRing(entry);
   ChangeState(entry, std::move(change), {});
   StartWaiting();

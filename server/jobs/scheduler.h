@@ -75,7 +75,8 @@ class Scheduler {
   void WorkerLoop();
   bool NextChunk(Chunk& chunk);
   void FinishBatch(const Chunk& last, Lock& lock);
-  void FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record);
+  void FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record,
+                       std::vector<double> checkpoint);
   void FinishReport(Entry& entry, Run& run);
   void StartWaiting();
   void Begin(Entry& entry);

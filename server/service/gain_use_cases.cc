@@ -208,8 +208,8 @@ absl::Status CheckForm(const ImportedGainSet& given) {
   CheckText(errors, "name", given.origin);
   if (given.iteration < 0) errors.AddNumber("iteration", ">= 0", given.iteration);
   for (std::size_t i = 0; i < kGainCount; ++i) {
-    if (given.gains[i] > 0 && given.gains[i] <= ArsOptions::kMaxGain) continue;
-    errors.AddNumber(absl::StrCat("gains.k", i + 1), absl::StrCat("in (0, ", ArsOptions::kMaxGain, "]"),
+    if (given.gains[i] > 0 && given.gains[i] <= SearchOptions::kMaxGain) continue;
+    errors.AddNumber(absl::StrCat("gains.k", i + 1), absl::StrCat("in (0, ", SearchOptions::kMaxGain, "]"),
                      given.gains[i]);
   }
   if (std::holds_alternative<std::monostate>(given.initial_condition)) {

@@ -7,6 +7,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "core/search/ensemble_search.h"
 #include "core/sim/scalar_simulator.h"
 #include "server/jobs/report.h"
 #include "server/service/list_filter.h"
@@ -21,6 +22,7 @@ constexpr std::size_t kLongestDescription = 4096;
 constexpr std::size_t kLongestId = 64;
 constexpr std::size_t kLongestRequestId = 128;
 constexpr std::size_t kMostLabels = 64;
+constexpr std::size_t kMostInitialConditions = 1000;
 constexpr std::string_view kIdCharacters = "a to z, 0 to 9, '.', '_' and '-'";
 
 bool IsIdText(std::string_view text) {
@@ -82,29 +84,86 @@ absl::StatusOr<Scenario> Choose(const ScenarioChoice& choice) {
   return scenario;
 }
 
+// Each is named where it was given.
+void CheckSearch(FieldErrors& errors, const NewJob& job, const JobSpec& spec) {
+  for (const absl::Status& status :
+       {spec.scenario.search.Validate(), CheckBudget(spec.scenario.search, spec.starts().size())}) {
+    for (const FieldViolation& v : FieldViolationsOf(status)) {
+      const bool of_definition = job.scenario.definition && !job.search.Sets(v.field);
+      errors.AddViolation(
+          {absl::StrCat(of_definition ? "scenario_definition." : "", "hyperparameters.", v.field), v.description});
+    }
+  }
+}
+
+// Up to the first initial condition with a fault: the scenario's own would come again with each.
+void CheckFlights(FieldErrors& errors, const JobSpec& spec) {
+  const std::span<const OrbitState> starts = spec.starts();
+  absl::Status status;
+  for (std::size_t i = 0; i < starts.size() && status.ok(); ++i) {
+    status = Prepare(spec.scenario, starts[i]).status();
+    for (const FieldViolation& v : FieldViolationsOf(status)) {
+      constexpr std::string_view kStart = "initial_condition";
+      if (!v.field.starts_with(kStart)) {
+        errors.AddViolation({absl::StrCat("scenario_definition.", v.field), v.description});
+      } else if (spec.initial_conditions.empty()) {
+        errors.AddViolation(v);
+      } else {
+        errors.AddViolation(
+            {absl::StrCat("initial_conditions[", i, "]", v.field.substr(kStart.size())), v.description});
+      }
+    }
+  }
+}
+
+void CheckEnsemble(FieldErrors& errors, const NewJob& job) {
+  errors.Merge("objective", job.objective.Validate());
+  const bool one = !std::holds_alternative<std::monostate>(job.initial_condition);
+  if (one && !job.initial_conditions.empty()) {
+    errors.Add("initial_conditions", "empty where an initial_condition is given",
+               absl::StrCat(job.initial_conditions.size()));
+  }
+  if (job.initial_conditions.size() > kMostInitialConditions) {
+    errors.Add("initial_conditions", absl::StrCat("at most ", kMostInitialConditions),
+               absl::StrCat(job.initial_conditions.size()));
+  }
+  for (std::size_t i = 0; i < job.initial_conditions.size(); ++i) {
+    if (!std::holds_alternative<std::monostate>(job.initial_conditions[i])) continue;
+    errors.Add(absl::StrCat("initial_conditions[", i, "]"), "one form of an orbit", "none");
+    return;
+  }
+  const Objective& o = job.objective;
+  if (job.initial_conditions.empty() && (o.aggregate != Aggregate::kMean || o.relative_to_initial)) {
+    errors.Add("objective", "given with initial_conditions only", "no initial_conditions");
+  }
+}
+
 // The spec a job runs with, everything filled in.
 absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
   FieldErrors errors;
   CheckLength(errors, "display_name", job.display_name, kLongestName);
   CheckLabels(errors, job.labels);
-  JobSpec spec{.display_name = job.display_name, .labels = job.labels};
+  CheckEnsemble(errors, job);
+  JobSpec spec{.display_name = job.display_name,
+               .labels = job.labels,
+               .initial_conditions = job.initial_conditions,
+               .objective = job.objective,
+               .warm_start = job.warm_start,
+               .campaign_id = job.campaign_id};
   auto scenario = Choose(job.scenario);
   if (scenario.ok()) {
     spec.scenario = *std::move(scenario);
-    job.search.ApplyTo(spec.scenario.search);
+    SearchOptions& search = spec.scenario.search;
+    job.search.ApplyTo(search);
     const bool own = std::holds_alternative<std::monostate>(job.initial_condition);
-    spec.initial_condition = own ? spec.scenario.chaser : job.initial_condition;
-    // Each is named where it was given.
-    for (const FieldViolation& v : FieldViolationsOf(spec.scenario.search.Validate())) {
-      const bool of_definition = job.scenario.definition && !job.search.Sets(v.field);
-      errors.AddViolation(
-          {absl::StrCat(of_definition ? "scenario_definition." : "", "hyperparameters.", v.field), v.description});
+    spec.initial_condition = !job.initial_conditions.empty() ? job.initial_conditions.front()
+                             : own                           ? spec.scenario.chaser
+                                                             : job.initial_condition;
+    if (search.algorithm != Algorithm::kArs && search.max_episodes == 0) {
+      search.max_episodes = SearchOptions::kDefaultEpisodes * std::ssize(spec.starts());
     }
-    const absl::Status prepared = Prepare(spec.scenario, spec.initial_condition).status();
-    for (const FieldViolation& v : FieldViolationsOf(prepared)) {
-      const bool of_start = v.field.starts_with("initial_condition");
-      errors.AddViolation({absl::StrCat(of_start ? "" : "scenario_definition.", v.field), v.description});
-    }
+    CheckSearch(errors, job, spec);
+    CheckFlights(errors, spec);
   }
   FieldErrors all;
   for (const absl::Status& status : {errors.ToStatus(), scenario.status()}) {
@@ -127,30 +186,68 @@ std::string NewId() {
   return id;
 }
 
-void SearchOverrides::ApplyTo(ArsOptions& options) const {
-  options.iterations = iterations.value_or(options.iterations);
-  options.step_size = step_size.value_or(options.step_size);
-  options.exploration_scale = exploration_scale.value_or(options.exploration_scale);
-  options.directions = directions.value_or(options.directions);
-  options.initial_gains = initial_gains.value_or(options.initial_gains);
-  options.exploration_std = exploration_std.value_or(options.exploration_std);
-  options.gain_floor = gain_floor.value_or(options.gain_floor);
-  options.seed = seed.value_or(options.seed);
+// The overrides beside what they override, by the names of SearchOptions::Validate: visit(name, override, option).
+template <typename V>
+void VisitOverrides(const SearchOverrides& s, SearchOptions& o, V&& visit) {
+  visit("iterations", s.iterations, o.iterations);
+  visit("step_size", s.step_size, o.step_size);
+  visit("exploration_scale", s.exploration_scale, o.exploration_scale);
+  visit("directions", s.directions, o.directions);
+  visit("initial_gains", s.initial_gains, o.initial_gains);
+  visit("exploration_std", s.exploration_std, o.exploration_std);
+  visit("gain_floor", s.gain_floor, o.gain_floor);
+  visit("seed", s.seed, o.seed);
+  visit("algorithm", s.algorithm, o.algorithm);
+  visit("max_episodes", s.max_episodes, o.max_episodes);
+  visit("plateau_stop.iterations", s.plateau_iterations, o.plateau_stop.iterations);
+  visit("plateau_stop.min_improvement", s.plateau_min_improvement, o.plateau_stop.min_improvement);
+  visit("ars_variants.top_directions", s.top_directions, o.ars_variants.top_directions);
+  visit("ars_variants.step_schedule", s.step_schedule, o.ars_variants.step_schedule);
+  visit("ars_variants.exploration_schedule", s.exploration_schedule, o.ars_variants.exploration_schedule);
+  visit("ars_variants.log_gains", s.log_gains, o.ars_variants.log_gains);
+  visit("cma_es.population", s.population, o.cma_es.population);
+  visit("cma_es.initial_sigma", s.initial_sigma, o.cma_es.initial_sigma);
+  visit("cma_es.restarts", s.cma_es_restarts, o.cma_es.restarts);
+  visit("cma_es.population_growth", s.population_growth, o.cma_es.population_growth);
+  visit("nelder_mead.initial_step", s.initial_step, o.nelder_mead.initial_step);
+  visit("nelder_mead.restarts", s.nelder_mead_restarts, o.nelder_mead.restarts);
+}
+
+void SearchOverrides::ApplyTo(SearchOptions& options) const {
+  VisitOverrides(*this, options, [](const char*, const auto& given, auto& option) { option = given.value_or(option); });
 }
 
 bool SearchOverrides::Sets(std::string_view field) const {
-  const std::string_view name = field.substr(0, field.find('.'));
-  return (name == "iterations" && iterations) || (name == "step_size" && step_size) ||
-         (name == "exploration_scale" && exploration_scale) || (name == "directions" && directions) ||
-         (name == "initial_gains" && initial_gains) || (name == "exploration_std" && exploration_std) ||
-         (name == "gain_floor" && gain_floor) || (name == "seed" && seed);
+  SearchOptions unused;
+  bool sets = false;
+  VisitOverrides(*this, unused, [&](std::string_view name, const auto& given, auto&) {
+    sets = sets || (given && (field == name || (field.starts_with(name) && field[name.size()] == '.')));
+  });
+  return sets;
+}
+
+absl::StatusOr<JobSpec> UseCases::ResolveWithStart(const NewJob& job) {
+  absl::StatusOr<JobSpec> spec = Resolve(job);
+  if (!spec.ok() || job.warm_start.empty()) return spec;
+  FieldErrors errors;
+  if (job.search.initial_gains) errors.Add("warm_start", "empty where initial_gains are given", job.warm_start);
+  absl::Status status = errors.ToStatus();
+  if (status.ok()) {
+    const auto start = FindWarmStart(store_, gain_sets_, job.warm_start);
+    status = start.ok() ? ApplyWarmStart(*start, *spec) : start.status();
+  }
+  if (status.ok()) return spec;
+  if (!absl::IsInvalidArgument(status)) return status;
+  FieldErrors in_job;
+  in_job.Merge("job", status);
+  return in_job.ToStatus();
 }
 
 absl::StatusOr<JobRecord> UseCases::CreateJob(const NewJob& job, const std::string& request_id, bool validate_only) {
   FieldErrors errors;
   CheckLength(errors, "request_id", request_id, kLongestRequestId);
   if (!errors.empty()) return errors.ToStatus();
-  auto spec = Resolve(job);
+  absl::StatusOr<JobSpec> spec = ResolveWithStart(job);
   if (!spec.ok()) return spec.status();
   if (validate_only) return JobRecord{.spec = *std::move(spec), .create_time_us = NowUs()};
   if (absl::Status status = store_.ok_for_now(); !status.ok()) return status;
@@ -293,8 +390,8 @@ absl::StatusOr<EpisodeAnswer> UseCases::SimulateEpisode(const EpisodeRequest& re
   const std::string_view given =
       request.gains || !request.scenario.definition ? "gains" : "scenario_definition.hyperparameters.initial_gains";
   for (std::size_t i = 0; i < kGainCount; ++i) {
-    if (!(gains[i] > 0 && gains[i] <= ArsOptions::kMaxGain)) {
-      errors.AddNumber(absl::StrCat(ToAbsl(given), ".k", i + 1), absl::StrCat("in (0, ", ArsOptions::kMaxGain, "]"),
+    if (!(gains[i] > 0 && gains[i] <= SearchOptions::kMaxGain)) {
+      errors.AddNumber(absl::StrCat(ToAbsl(given), ".k", i + 1), absl::StrCat("in (0, ", SearchOptions::kMaxGain, "]"),
                        gains[i]);
     }
   }

@@ -6,6 +6,7 @@
 #include "core/scenario/presets.h"
 #include "server/jobs/event_hub.h"
 #include "server/jobs/scheduler.h"
+#include "server/service/warm_start.h"
 #include "storage/job_store.h"
 
 namespace orbitune {
@@ -26,9 +27,23 @@ struct SearchOverrides {
   std::optional<Gains> exploration_std;
   std::optional<double> gain_floor;
   std::optional<std::uint64_t> seed;
+  std::optional<Algorithm> algorithm;
+  std::optional<std::int64_t> max_episodes;
+  std::optional<int> plateau_iterations;
+  std::optional<double> plateau_min_improvement;
+  std::optional<int> top_directions;
+  std::optional<Schedule> step_schedule;
+  std::optional<Schedule> exploration_schedule;
+  std::optional<bool> log_gains;
+  std::optional<int> population;
+  std::optional<double> initial_sigma;
+  std::optional<int> cma_es_restarts;
+  std::optional<double> population_growth;
+  std::optional<double> initial_step;
+  std::optional<int> nelder_mead_restarts;
 
-  void ApplyTo(ArsOptions& options) const;
-  // Whether it is given; field: as ArsOptions::Validate names it, "initial_gains.k1" too.
+  void ApplyTo(SearchOptions& options) const;
+  // Whether it is given; field: as SearchOptions::Validate names it, "initial_gains.k1" too.
   bool Sets(std::string_view field) const;
 };
 
@@ -36,7 +51,11 @@ struct NewJob {
   std::string display_name;
   std::map<std::string, std::string> labels;
   ScenarioChoice scenario;
-  OrbitState initial_condition;  // std::monostate: the scenario's chaser
+  OrbitState initial_condition;                // std::monostate: the scenario's chaser
+  std::vector<OrbitState> initial_conditions;  // instead, for robust tuning
+  Objective objective;
+  std::string warm_start;   // jobs/ID or gainSets/ID; empty: none
+  std::string campaign_id;  // of the campaign that creates it; no client's to give
   SearchOverrides search;
 };
 
@@ -74,6 +93,9 @@ class UseCases {
   // All outlive this.
   UseCases(JobStore& store, Scheduler& scheduler, EventHub& hub) : store_(store), scheduler_(scheduler), hub_(hub) {}
 
+  // Where warm starts from gainSets/ID find them; to be called before any other thread calls.
+  void set_gain_sets(GainSetSource gain_sets) { gain_sets_ = std::move(gain_sets); }
+
   absl::StatusOr<JobRecord> CreateJob(const NewJob& job, const std::string& request_id, bool validate_only);
   absl::StatusOr<JobRecord> GetJob(const std::string& id);
   absl::StatusOr<Page<JobRecord>> ListJobs(int page_size, const std::string& page_token, const std::string& filter,
@@ -96,11 +118,13 @@ class UseCases {
 
  private:
   using Transition = void (Scheduler::*)(const std::string&, const std::string&, Scheduler::Done);
+  absl::StatusOr<JobSpec> ResolveWithStart(const NewJob& job);
   absl::StatusOr<JobRecord> Await(Transition transition, const std::string& id, const std::string& etag);
 
   JobStore& store_;
   Scheduler& scheduler_;
   EventHub& hub_;
+  GainSetSource gain_sets_;
 };
 
 }  // namespace orbitune

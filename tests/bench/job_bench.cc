@@ -46,7 +46,8 @@ class NullStore final : public JobStore {
   }
 
   void CreateJob(std::string, JobSpec, TimeUs, std::string, std::string, Created) override { ORBITUNE_CHECK(false); }
-  void AppendIteration(const std::string&, std::int64_t, const IterationRecord&, Done done) override {
+  void AppendIteration(const std::string&, std::int64_t, const IterationRecord&, std::vector<double>,
+                       Done done) override {
     Answer(std::move(done));
   }
   void ChangeState(const std::string&, std::int64_t, StateChange change, Done done) override {

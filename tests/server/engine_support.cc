@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "core/scenario/presets.h"
+#include "core/search/optimiser.h"
 #include "core/simd/batch_simulator.h"
 
 namespace orbitune::server_test {
@@ -43,7 +44,7 @@ Scenario SmallScenario(int iterations) {
   return s;
 }
 
-Scenario EndlessScenario() { return SmallScenario(ArsOptions::kMaxIterations); }
+Scenario EndlessScenario() { return SmallScenario(SearchOptions::kMaxIterations); }
 
 Scenario EdgeScenario(int iterations) {
   Scenario s = *FindPreset("gto-geo");
@@ -78,7 +79,7 @@ std::vector<IterationRecord> PlainHistory(const Scenario& scenario) {
   const auto prepared = Prepare(scenario);
   EXPECT_TRUE(prepared.ok()) << prepared.status();
   std::vector<IterationRecord> history;
-  const absl::Status status = RunArs(
+  const absl::Status status = RunSearch(
       scenario.search,
       [&](std::span<const Gains> gains, std::span<EpisodeResult> results) {
         for (std::size_t i = 0; i < gains.size(); ++i) results[i] = SimulateAlone(*prepared, gains[i]);
@@ -164,7 +165,8 @@ void StoreRunningJob(JobStore& store, const std::string& id, const JobSpec& spec
   const StateChange running{.state = JobState::kRunning, .time_us = NowUs(), .message = {}, .report = {}};
   EXPECT_TRUE(Await([&](JobStore::Done done) { store.ChangeState(id, ++seq, running, std::move(done)); }).ok());
   for (const IterationRecord& record : history) {
-    EXPECT_TRUE(Await([&](JobStore::Done done) { store.AppendIteration(id, ++seq, record, std::move(done)); }).ok());
+    EXPECT_TRUE(
+        Await([&](JobStore::Done done) { store.AppendIteration(id, ++seq, record, {}, std::move(done)); }).ok());
   }
 }
 

@@ -250,7 +250,7 @@ TEST_F(ProcessTest, SigtermKeepsAJobForTheNextStart) {
   for (const int signal : {SIGTERM, SIGINT}) {
     const auto server = Start("data");
     Client client(server->address());
-    if (name.empty()) name = client.Create(ArsOptions::kMaxIterations);
+    if (name.empty()) name = client.Create(SearchOptions::kMaxIterations);
     const int before = client.Get(name).completed_iterations();
     client.WaitForIterations(name, before + 3);
     Watch watch(client, name, -1);
@@ -462,7 +462,7 @@ TEST_F(ProcessTest, TheCliTellsBadInput) {
 TEST_F(ProcessTest, AnInterruptedWatchLeavesItsJob) {
   const auto server = Start("data");
   Client client(server->address());
-  const std::string job = client.Create(ArsOptions::kMaxIterations);
+  const std::string job = client.Create(SearchOptions::kMaxIterations);
   Process watch(NextPrefix(), {ORBITUNE_CLI, "--server", server->address(), "watch", job});
   while (watch.out().find("iteration 3/") == std::string::npos) {
     ASSERT_FALSE(watch.Ended()) << watch.err();

@@ -35,7 +35,7 @@ class RpcTest : public ::testing::Test {
     EXPECT_TRUE(server.ok()) << server.status();
     server_ = *std::move(server);
     client_ = std::make_unique<Client>(server_->address());
-    running_ = client_->Create(ArsOptions::kMaxIterations);
+    running_ = client_->Create(SearchOptions::kMaxIterations);
     client_->WaitForIterations(running_, 1);
   }
 

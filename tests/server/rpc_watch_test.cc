@@ -48,8 +48,9 @@ class GatedStore final : public JobStore {
                  Created done) override {
     store_.CreateJob(std::move(id), std::move(spec), now, std::move(request_id), std::move(digest), std::move(done));
   }
-  void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record, Done done) override {
-    store_.AppendIteration(id, seq, record, std::move(done));
+  void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
+                       std::vector<double> checkpoint, Done done) override {
+    store_.AppendIteration(id, seq, record, std::move(checkpoint), std::move(done));
   }
   void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) override {
     store_.ChangeState(id, seq, std::move(change), std::move(done));
@@ -115,7 +116,7 @@ class WatchTest : public ::testing::Test {
   }
   void CommitIteration(const std::string& id, std::int64_t seq, int iteration) {
     const IterationRecord record{.iteration = iteration, .gains = {1, 1, 1, 1, 1}};
-    engine_.store().AppendIteration(id, seq, record, [this, id, seq, record](const absl::Status& status) {
+    engine_.store().AppendIteration(id, seq, record, {}, [this, id, seq, record](const absl::Status& status) {
       EXPECT_TRUE(status.ok()) << status;
       engine_.hub().Publish(id, {.seq = seq, .what = record});
     });
@@ -248,7 +249,7 @@ TEST_F(WatchTest, WhatCannotBeWatchedIsRefused) {
 }
 
 TEST_F(WatchTest, PausesAndResumesAreEvents) {
-  const std::string name = client_->Create(ArsOptions::kMaxIterations);
+  const std::string name = client_->Create(SearchOptions::kMaxIterations);
   Watch watch(*client_, name);
   client_->WaitForIterations(name, 2);
   EXPECT_TRUE(client_->Transition(&v1::TuningService::Stub::PauseJob, name).ok());
@@ -350,7 +351,7 @@ TEST_F(WatchTest, WatchersOfShortJobsAllSeeTheEnd) {
 }
 
 TEST_F(WatchTest, ADrainEndsWatchersWithUnavailable) {
-  const std::string name = client_->Create(ArsOptions::kMaxIterations);
+  const std::string name = client_->Create(SearchOptions::kMaxIterations);
   client_->WaitForIterations(name, 3);
   Watch reading(*client_, name);
   Watch latest(*client_, name, -1, v1::DELIVERY_LATEST);

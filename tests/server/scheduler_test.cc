@@ -122,7 +122,7 @@ TEST_F(SchedulerTest, JobsTakeTurns) {
 TEST_F(SchedulerTest, ASmallJobDoesNotWaitForALargeOne) {
   Engine engine(NewDatabase(), {.threads = 1}, false);
   Scenario large = SmallScenario(1);
-  large.search.directions = ArsOptions::kMaxDirections;
+  large.search.directions = SearchOptions::kMaxDirections;
   StoreJob(engine.store(), "large", SpecOf(large));
   StoreJob(engine.store(), "small", SpecOf(SmallScenario(20)));
   PublicationLog log(engine.hub(), {"large", "small"});

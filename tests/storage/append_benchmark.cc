@@ -22,7 +22,7 @@ void Run(JobStore& store, int jobs, int first, int last, bool one_at_a_time, con
   const auto begin = std::chrono::steady_clock::now();
   for (int i = first; i <= last; ++i) {
     for (int j = 0; j < jobs; ++j) {
-      store.AppendIteration("job-" + std::to_string(j), i + 1, RecordOf(i), [](const absl::Status& status) {
+      store.AppendIteration("job-" + std::to_string(j), i + 1, RecordOf(i), {}, [](const absl::Status& status) {
         if (!status.ok()) std::abort();
       });
       if (one_at_a_time) store.Flush();

@@ -181,7 +181,7 @@ TEST_P(JobStoreConformance, AnswersInOrderAndAfterTheCommit) {
   ASSERT_TRUE(Create(store(), "a").ok());
   std::vector<int> answered;  // on the writer's thread only, until Flush
   for (int i = 1; i <= kCount; ++i) {
-    store().AppendIteration("a", i + 1, RecordOf(i), [&, i](const absl::Status& status) {
+    store().AppendIteration("a", i + 1, RecordOf(i), {}, [&, i](const absl::Status& status) {
       EXPECT_TRUE(status.ok()) << status;
       answered.push_back(i);
       if (i % 500 != 0) return;
@@ -201,17 +201,17 @@ TEST_P(JobStoreConformance, RefusesWhatDoesNotFollowAndNothingElse) {
   ASSERT_TRUE(Create(store(), "a").ok());
   std::vector<absl::StatusCode> codes;
   const auto done = [&codes](const absl::Status& status) { codes.push_back(status.code()); };
-  store().AppendIteration("a", 2, RecordOf(1), done);
-  store().AppendIteration("a", 2, RecordOf(2), done);  // seq taken
-  store().AppendIteration("a", 4, RecordOf(2), done);  // seq skipped
-  store().AppendIteration("a", 3, RecordOf(3), done);  // iteration skipped
-  store().AppendIteration("a", 3, RecordOf(1), done);  // iteration taken
-  store().AppendIteration("nobody", 2, RecordOf(1), done);
+  store().AppendIteration("a", 2, RecordOf(1), {}, done);
+  store().AppendIteration("a", 2, RecordOf(2), {}, done);  // seq taken
+  store().AppendIteration("a", 4, RecordOf(2), {}, done);  // seq skipped
+  store().AppendIteration("a", 3, RecordOf(3), {}, done);  // iteration skipped
+  store().AppendIteration("a", 3, RecordOf(1), {}, done);  // iteration taken
+  store().AppendIteration("nobody", 2, RecordOf(1), {}, done);
   store().ChangeState("a", 2, ChangeTo(JobState::kRunning), done);
   store().ChangeState("nobody", 2, ChangeTo(JobState::kRunning), done);
   store().DeleteJob("nobody", done);
   store().CreateJob("a", PlainSpec(), 1, "", "", [&](const auto& job) { codes.push_back(job.status().code()); });
-  store().AppendIteration("a", 3, RecordOf(2), done);
+  store().AppendIteration("a", 3, RecordOf(2), {}, done);
   store().ChangeState("a", 4, ChangeTo(JobState::kRunning, 7), done);
   store().Flush();
   using enum absl::StatusCode;
@@ -268,10 +268,10 @@ TEST_P(JobStoreConformance, CreatesOnceForARequestId) {
 TEST_P(JobStoreConformance, AnswersARepeatedRequestAsOfItsPlace) {
   const auto ignore = [](const auto&) {};
   store().CreateJob("a", PlainSpec(), 1, "request", "digest", ignore);
-  for (int i = 1; i <= 5; ++i) store().AppendIteration("a", i + 1, RecordOf(i), ignore);
+  for (int i = 1; i <= 5; ++i) store().AppendIteration("a", i + 1, RecordOf(i), {}, ignore);
   JobRecord answer;
   store().CreateJob("b", PlainSpec(), 1, "request", "digest", [&](const auto& job) { answer = *job; });
-  store().AppendIteration("a", 7, RecordOf(6), ignore);
+  store().AppendIteration("a", 7, RecordOf(6), {}, ignore);
   store().Flush();
   EXPECT_EQ(answer.id, "a");
   EXPECT_EQ(answer.last_seq, 6);
@@ -322,7 +322,7 @@ TEST_P(JobStoreConformance, CommitsWhatIsQueuedWhenItIsClosed) {
   ASSERT_TRUE(Create(store(), "a").ok());
   int answered = 0;
   for (int i = 1; i <= kCount; ++i) {
-    store().AppendIteration("a", i + 1, RecordOf(i),
+    store().AppendIteration("a", i + 1, RecordOf(i), {},
                             [&answered](const absl::Status& s) { answered += s.ok() ? 1 : 0; });
   }
   Reopen();
@@ -338,7 +338,7 @@ TEST_P(JobStoreConformance, ReadsAreConsistentBesideWrites) {
   for (int j = 0; j < kJobs; ++j) ASSERT_TRUE(Create(store(), absl::StrCat("job-", j)).ok());
   const auto write = [&](std::size_t j) {
     for (int i = 1; i <= kIterations; ++i) {
-      store().AppendIteration(absl::StrCat("job-", j), i + 1, RecordOf(i),
+      store().AppendIteration(absl::StrCat("job-", j), i + 1, RecordOf(i), {},
                               [&answered, i, j](const absl::Status& status) {
                                 EXPECT_TRUE(status.ok()) << status;
                                 answered[j] = i;

@@ -40,7 +40,7 @@ void Write(JobStore& store, int job, std::int64_t seq, int pipe) {
   if (IsChange(seq)) {
     store.ChangeState(JobId(job), seq, ChangeTo(StateAt(seq), seq), done);
   } else {
-    store.AppendIteration(JobId(job), seq, RecordOf(IterationAt(seq)), done);
+    store.AppendIteration(JobId(job), seq, RecordOf(IterationAt(seq)), {}, done);
   }
 }
 
@@ -139,7 +139,7 @@ TEST(SqliteCrash, KeepsAllThatWasAnswered) {
     const std::string id = JobId(j);
     if (!Create(**store, id).ok()) _exit(3);
     (*store)->ChangeState(id, 2, ChangeTo(JobState::kRunning), [](const absl::Status&) {});
-    (*store)->AppendIteration(id, 3, RecordOf(1), [](const absl::Status&) {});
+    (*store)->AppendIteration(id, 3, RecordOf(1), {}, [](const absl::Status&) {});
     StateChange succeeded = ChangeTo(JobState::kSucceeded);
     succeeded.gain_set = PlainGainSet(id);
     (*store)->ChangeState(id, 4, succeeded, [j, pipe](const absl::Status& status) {

@@ -45,7 +45,7 @@ TEST_P(SqliteDisk, WritesWaitAndGoOn) {
   disk_.Set(GetParam().fault);
   std::atomic<int> answered = 0;
   for (int i = 2; i <= 100; ++i) {
-    store_->AppendIteration("a", i + 1, RecordOf(i), [&](const absl::Status& status) {
+    store_->AppendIteration("a", i + 1, RecordOf(i), {}, [&](const absl::Status& status) {
       EXPECT_TRUE(status.ok()) << status;
       ++answered;
     });
@@ -73,7 +73,8 @@ TEST_P(SqliteDisk, ClosingAnswersWhatCannotBeWritten) {
   disk_.Set(GetParam().fault);
   std::vector<absl::Status> answers;
   for (int i = 2; i <= 3000; ++i) {
-    store_->AppendIteration("a", i + 1, RecordOf(i), [&](const absl::Status& status) { answers.push_back(status); });
+    store_->AppendIteration("a", i + 1, RecordOf(i), {},
+                            [&](const absl::Status& status) { answers.push_back(status); });
   }
   AwaitTrouble();
   store_.reset();
@@ -104,7 +105,7 @@ TEST_P(SqliteDisk, LosesNothingWhenFaultsComeAndGo) {
   });
   int answered = 1;
   for (int i = 2; i <= kIterations; ++i) {
-    store_->AppendIteration("a", i + 1, RecordOf(i), [&answered, i](const absl::Status& status) {
+    store_->AppendIteration("a", i + 1, RecordOf(i), {}, [&answered, i](const absl::Status& status) {
       ASSERT_TRUE(status.ok()) << status;
       ASSERT_EQ(i, ++answered);
     });

@@ -42,7 +42,8 @@ TEST_F(SqliteStoreTest, FiveThousandIterationsTakeLittleRoom) {
   auto store = OpenStore(Database());
   for (int j = 0; j < 4; ++j) ASSERT_TRUE(Create(*store, absl::StrCat("job-", j)).ok());
   for (int i = 1; i <= 5000; ++i) {
-    for (int j = 0; j < 4; ++j) store->AppendIteration(absl::StrCat("job-", j), i + 1, RecordOf(i), [](const auto&) {});
+    for (int j = 0; j < 4; ++j)
+      store->AppendIteration(absl::StrCat("job-", j), i + 1, RecordOf(i), {}, [](const auto&) {});
   }
   store.reset();
   EXPECT_LT((std::filesystem::file_size(Database()) - one) / 4, 700'000);
@@ -94,7 +95,7 @@ TEST_F(SqliteStoreTest, WaitsForAnotherProcessesLock) {
   ASSERT_TRUE(shell.ok()) << shell.status();
   ASSERT_TRUE((*shell)->Execute("BEGIN IMMEDIATE").ok());
   std::atomic<int> answered = 0;
-  store->AppendIteration("a", 3, RecordOf(2), [&](const absl::Status& status) { answered = status.ok() ? 1 : 2; });
+  store->AppendIteration("a", 3, RecordOf(2), {}, [&](const absl::Status& status) { answered = status.ok() ? 1 : 2; });
   EXPECT_TRUE(WaitUntil([&] { return !store->ok_for_now().ok(); }));
   EXPECT_TRUE(absl::StrContains(store->ok_for_now().message(), "locked")) << store->ok_for_now();
   EXPECT_EQ(answered, 0);
@@ -117,9 +118,9 @@ TEST_F(SqliteStoreTest, OneDamagedJobDoesNotHoldUpTheOthers) {
   ASSERT_TRUE((*shell)->Execute("UPDATE jobs SET iterations = 2, last_seq = 3 WHERE id = 'a'").ok());
   std::vector<absl::StatusCode> codes;
   const auto done = [&codes](const absl::Status& status) { codes.push_back(status.code()); };
-  store->AppendIteration("b", 5, RecordOf(4), done);
-  store->AppendIteration("a", 4, RecordOf(3), done);
-  store->AppendIteration("b", 6, RecordOf(5), done);
+  store->AppendIteration("b", 5, RecordOf(4), {}, done);
+  store->AppendIteration("a", 4, RecordOf(3), {}, done);
+  store->AppendIteration("b", 6, RecordOf(5), {}, done);
   store->Flush();
   using enum absl::StatusCode;
   EXPECT_EQ(codes, (std::vector{kOk, kInternal, kOk}));

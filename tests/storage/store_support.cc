@@ -206,7 +206,8 @@ absl::StatusOr<JobRecord> Create(JobStore& store, const std::string& id, const J
 }
 
 absl::Status Append(JobStore& store, const std::string& id, std::int64_t seq, const IterationRecord& record) {
-  return WaitFor<absl::Status>([&](JobStore::Done done) { store.AppendIteration(id, seq, record, std::move(done)); });
+  return WaitFor<absl::Status>(
+      [&](JobStore::Done done) { store.AppendIteration(id, seq, record, {}, std::move(done)); });
 }
 
 absl::Status Change(JobStore& store, const std::string& id, std::int64_t seq, const StateChange& change) {
@@ -228,7 +229,7 @@ absl::Status DeleteGainSet(JobStore& store, const std::string& id) {
 void CreateWithIterations(JobStore& store, const std::string& id, int n) {
   ASSERT_TRUE(Create(store, id).ok());
   for (int i = 1; i <= n; ++i) {
-    store.AppendIteration(id, i + 1, RecordOf(i),
+    store.AppendIteration(id, i + 1, RecordOf(i), {},
                           [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; });
   }
   store.Flush();

@@ -37,7 +37,7 @@ TEST(PresetsTest, AreThreeAndValid) {
   EXPECT_EQ(FindPreset("gto"), nullptr);
 }
 
-void ExpectPapersSearch(const ArsOptions& search) {
+void ExpectPapersSearch(const SearchOptions& search) {
   EXPECT_EQ(search.step_size, 5e-3);
   EXPECT_EQ(search.exploration_scale, 2e-3);
   EXPECT_EQ(search.directions, 16);

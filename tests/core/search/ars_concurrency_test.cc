@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "core/scenario/presets.h"
+#include "core/search/optimiser.h"
 #include "core/sim/scalar_simulator.h"
 #include "tests/core/testing.h"
 
@@ -9,10 +10,10 @@ namespace orbitune {
 namespace {
 
 std::vector<IterationRecord> Search(const Evaluate& evaluate) {
-  ArsOptions options = FindPreset("leo-rendezvous")->search;
+  SearchOptions options = FindPreset("leo-rendezvous")->search;
   options.iterations = testing::kFewer > 1 ? 3 : 12;
   std::vector<IterationRecord> records;
-  EXPECT_TRUE(RunArs(options, evaluate, [&](const IterationRecord& record) { records.push_back(record); }).ok());
+  EXPECT_TRUE(RunSearch(options, evaluate, [&](const IterationRecord& record) { records.push_back(record); }).ok());
   return records;
 }
 

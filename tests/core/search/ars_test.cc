@@ -29,7 +29,7 @@ void EvaluateSmoothCost(std::span<const Gains> gains, std::span<EpisodeResult> r
   for (std::size_t j = 0; j < gains.size(); ++j) results[j] = Settled(SmoothCost(gains[j]));
 }
 
-ArsOptions Options() {
+SearchOptions Options() {
   return {.iterations = 30,
           .step_size = 5e-2,
           .exploration_scale = 2e-2,
@@ -39,7 +39,7 @@ ArsOptions Options() {
 }
 
 // The paper's Algorithm 1, written down a second time: one iteration from K, over all pairs.
-Gains OneIteration(const ArsOptions& o, int iteration, const Gains& k, double (*cost)(const Gains&)) {
+Gains OneIteration(const SearchOptions& o, int iteration, const Gains& k, double (*cost)(const Gains&)) {
   const auto n = static_cast<std::size_t>(o.directions);
   std::vector<Gains> delta(n);
   std::vector<double> plus(n), minus(n);
@@ -72,7 +72,7 @@ Gains OneIteration(const ArsOptions& o, int iteration, const Gains& k, double (*
 }
 
 TEST(ArsTest, IsThePapersAlgorithm) {
-  const ArsOptions options = Options();
+  const SearchOptions options = Options();
   ArsSearch search(options);
   std::vector<EpisodeResult> results(search.batch().size());
   Gains expected = options.initial_gains;
@@ -88,7 +88,7 @@ TEST(ArsTest, IsThePapersAlgorithm) {
 }
 
 TEST(ArsTest, FindsTheMinimumOfASmoothCost) {
-  ArsOptions options = Options();
+  SearchOptions options = Options();
   options.iterations = 2000;
   int seen = 0;
   double first = 0, best = std::numeric_limits<double>::infinity();
@@ -100,7 +100,7 @@ TEST(ArsTest, FindsTheMinimumOfASmoothCost) {
     }
     best = std::min(best, record.cost);
   };
-  ASSERT_TRUE(RunArs(options, &EvaluateSmoothCost, observe).ok());
+  ASSERT_TRUE(RunSearch(options, &EvaluateSmoothCost, observe).ok());
   EXPECT_EQ(seen, 2000);
   EXPECT_GT(first, 50);
   // Not the last: the step never anneals.
@@ -108,7 +108,7 @@ TEST(ArsTest, FindsTheMinimumOfASmoothCost) {
 }
 
 TEST(ArsTest, BatchIsTheGainsThenThePairs) {
-  const ArsOptions options = Options();
+  const SearchOptions options = Options();
   const ArsSearch search(options);
   ASSERT_EQ(search.batch().size(), 15u);
   EXPECT_EQ(search.batch()[0], options.initial_gains);
@@ -123,10 +123,10 @@ TEST(ArsTest, BatchIsTheGainsThenThePairs) {
 }
 
 TEST(ArsTest, DirectionsAreAFunctionOfSeedIterationAndNumber) {
-  const ArsOptions options = Options();
+  const SearchOptions options = Options();
   EXPECT_EQ(SearchDirection(options, 3, 4), SearchDirection(options, 3, 4));
   EXPECT_NE(SearchDirection(options, 3, 4), SearchDirection(options, 4, 3));
-  ArsOptions other = options;
+  SearchOptions other = options;
   other.seed += 1;
   EXPECT_NE(SearchDirection(options, 3, 4), SearchDirection(other, 3, 4));
   // Not of the number of directions, nor of where the search is.
@@ -137,7 +137,7 @@ TEST(ArsTest, DirectionsAreAFunctionOfSeedIterationAndNumber) {
 }
 
 TEST(ArsTest, EveryGainSimulatedIsAtLeastTheFloor) {
-  ArsOptions options = Options();
+  SearchOptions options = Options();
   options.gain_floor = 0.05;
   options.initial_gains = {0.05, 0.06, 0.1, 0.2, 0.5};
   options.iterations = 200;
@@ -154,13 +154,13 @@ TEST(ArsTest, EveryGainSimulatedIsAtLeastTheFloor) {
     }
   };
   Gains last{};
-  ASSERT_TRUE(RunArs(options, evaluate, [&](const IterationRecord& record) { last = record.gains; }).ok());
+  ASSERT_TRUE(RunSearch(options, evaluate, [&](const IterationRecord& record) { last = record.gains; }).ok());
   EXPECT_EQ(lowest, 0.05);
   for (const double k : last) EXPECT_LT(k, 0.3);
 }
 
 TEST(ArsTest, PairsWithoutACostAreLeftOutOfTheUpdate) {
-  ArsOptions options = Options();
+  SearchOptions options = Options();
   options.directions = 4;
   ArsSearch search(options);
   std::vector<EpisodeResult> results(search.batch().size());
@@ -189,7 +189,7 @@ TEST(ArsTest, PairsWithoutACostAreLeftOutOfTheUpdate) {
 }
 
 TEST(ArsTest, AllPairsLeftOutIsAnErrorAndMovesNothing) {
-  const ArsOptions options = Options();
+  const SearchOptions options = Options();
   ArsSearch search(options);
   const std::vector<Gains> batch(search.batch().begin(), search.batch().end());
   std::vector<EpisodeResult> results(batch.size(), EpisodeResult{.outcome = Outcome::kLeftDomain});
@@ -200,12 +200,12 @@ TEST(ArsTest, AllPairsLeftOutIsAnErrorAndMovesNothing) {
   EXPECT_EQ(search.iteration(), 1);
   EXPECT_TRUE(std::ranges::equal(search.batch(), batch));
 
-  // A search driven by RunArs stops there, with that error.
+  // A search driven by RunSearch stops there, with that error.
   int seen = 0;
   const auto evaluate = [&](std::span<const Gains>, std::span<EpisodeResult> out) {
     for (auto& r : out) r = {.outcome = Outcome::kNumericalFailure};
   };
-  EXPECT_EQ(RunArs(options, evaluate, [&](const IterationRecord&) { ++seen; }), record.status());
+  EXPECT_EQ(RunSearch(options, evaluate, [&](const IterationRecord&) { ++seen; }), record.status());
   EXPECT_EQ(seen, 0);
 }
 
@@ -235,12 +235,13 @@ TEST(ArsTest, EqualCostsTakeNoStep) {
 }
 
 TEST(ArsTest, ResumesFromAnyRecordToTheSameBits) {
-  const ArsOptions options = Options();
+  const SearchOptions options = Options();
   std::vector<IterationRecord> whole;
   const auto keep = [&](const IterationRecord& record) { whole.push_back(record); };
-  ASSERT_TRUE(RunArs(options, &EvaluateSmoothCost, keep).ok());
+  ASSERT_TRUE(RunSearch(options, &EvaluateSmoothCost, keep).ok());
   for (std::size_t start = 0; start < whole.size(); ++start) {
-    ArsSearch search(options, whole[start]);
+    ArsSearch search(options);
+    ASSERT_TRUE(search.Resume(whole[start], {}).ok());
     std::vector<EpisodeResult> results(search.batch().size());
     for (std::size_t i = start; i < whole.size(); ++i) {
       ASSERT_FALSE(search.done());
@@ -255,7 +256,7 @@ TEST(ArsTest, ResumesFromAnyRecordToTheSameBits) {
 
 struct BadOption {
   const char* name;
-  void (*change)(ArsOptions&);
+  void (*change)(SearchOptions&);
   const char* field;
   const char* description;
 };
@@ -265,7 +266,7 @@ void PrintTo(const BadOption& bad, std::ostream* os) { *os << bad.field; }
 class ArsValidateFieldTest : public ::testing::TestWithParam<BadOption> {};
 
 TEST_P(ArsValidateFieldTest, NamesFieldRangeAndValue) {
-  ArsOptions options;
+  SearchOptions options;
   ASSERT_TRUE(options.Validate().ok());
   GetParam().change(options);
   const absl::Status status = options.Validate();
@@ -274,35 +275,37 @@ TEST_P(ArsValidateFieldTest, NamesFieldRangeAndValue) {
   ASSERT_EQ(violations.size(), 1u) << status;
   EXPECT_EQ(violations[0].field, GetParam().field);
   EXPECT_EQ(violations[0].description, GetParam().description);
-  EXPECT_EQ(RunArs(options, nullptr, nullptr), status);
+  EXPECT_EQ(RunSearch(options, nullptr, nullptr), status);
 }
 
 INSTANTIATE_TEST_SUITE_P(
     , ArsValidateFieldTest,
-    ::testing::Values(
-        BadOption{"NoIterations", [](ArsOptions& o) { o.iterations = 0; }, "iterations",
-                  "must be in [1, 10000000], got 0"},
-        BadOption{"TooManyIterations", [](ArsOptions& o) { o.iterations = 10'000'001; }, "iterations",
-                  "must be in [1, 10000000], got 10000001"},
-        BadOption{"NoDirections", [](ArsOptions& o) { o.directions = 0; }, "directions", "must be in [1, 1024], got 0"},
-        BadOption{"TooManyDirections", [](ArsOptions& o) { o.directions = 1025; }, "directions",
-                  "must be in [1, 1024], got 1025"},
-        BadOption{"StepSize", [](ArsOptions& o) { o.step_size = -1; }, "step_size", "must be > 0 and finite, got -1"},
-        BadOption{"ExplorationScale", [](ArsOptions& o) { o.exploration_scale = std::nan(""); }, "exploration_scale",
-                  "must be > 0 and finite, got nan"},
-        BadOption{"GainFloor", [](ArsOptions& o) { o.gain_floor = 0; }, "gain_floor", "must be > 0 and finite, got 0"},
-        BadOption{"GainBelowFloor", [](ArsOptions& o) { o.initial_gains[1] = 1e-4; }, "initial_gains.k2",
-                  "must be in [gain_floor, 1e+06] = [0.001, 1e+06], got 1e-04"},
-        BadOption{"GainTooLarge", [](ArsOptions& o) { o.initial_gains[4] = 2e6; }, "initial_gains.k5",
-                  "must be in [gain_floor, 1e+06] = [0.001, 1e+06], got 2e+06"},
-        BadOption{"NegativeStd", [](ArsOptions& o) { o.exploration_std[0] = -0.5; }, "exploration_std.k1",
-                  "must be in [0, 1e+06], got -0.5"},
-        BadOption{"NoStd", [](ArsOptions& o) { o.exploration_std = {}; }, "exploration_std",
-                  "must be > 0 for at least one gain, got 0 for all"}),
+    ::testing::Values(BadOption{"NoIterations", [](SearchOptions& o) { o.iterations = 0; }, "iterations",
+                                "must be in [1, 10000000], got 0"},
+                      BadOption{"TooManyIterations", [](SearchOptions& o) { o.iterations = 10'000'001; }, "iterations",
+                                "must be in [1, 10000000], got 10000001"},
+                      BadOption{"NoDirections", [](SearchOptions& o) { o.directions = 0; }, "directions",
+                                "must be in [1, 1024], got 0"},
+                      BadOption{"TooManyDirections", [](SearchOptions& o) { o.directions = 1025; }, "directions",
+                                "must be in [1, 1024], got 1025"},
+                      BadOption{"StepSize", [](SearchOptions& o) { o.step_size = -1; }, "step_size",
+                                "must be > 0 and finite, got -1"},
+                      BadOption{"ExplorationScale", [](SearchOptions& o) { o.exploration_scale = std::nan(""); },
+                                "exploration_scale", "must be > 0 and finite, got nan"},
+                      BadOption{"GainFloor", [](SearchOptions& o) { o.gain_floor = 0; }, "gain_floor",
+                                "must be > 0 and finite, got 0"},
+                      BadOption{"GainBelowFloor", [](SearchOptions& o) { o.initial_gains[1] = 1e-4; },
+                                "initial_gains.k2", "must be in [gain_floor, 1e+06] = [0.001, 1e+06], got 1e-04"},
+                      BadOption{"GainTooLarge", [](SearchOptions& o) { o.initial_gains[4] = 2e6; }, "initial_gains.k5",
+                                "must be in [gain_floor, 1e+06] = [0.001, 1e+06], got 2e+06"},
+                      BadOption{"NegativeStd", [](SearchOptions& o) { o.exploration_std[0] = -0.5; },
+                                "exploration_std.k1", "must be in [0, 1e+06], got -0.5"},
+                      BadOption{"NoStd", [](SearchOptions& o) { o.exploration_std = {}; }, "exploration_std",
+                                "must be > 0 for at least one gain, got 0 for all"}),
     [](const auto& test) { return std::string(test.param.name); });
 
 TEST(ArsValidateTest, NamesEveryBadFieldAtOnce) {
-  ArsOptions options;
+  SearchOptions options;
   options.iterations = -5;
   options.step_size = std::numeric_limits<double>::infinity();
   options.initial_gains[2] = std::nan("");

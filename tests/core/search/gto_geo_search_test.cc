@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "core/scenario/presets.h"
+#include "core/search/optimiser.h"
 #include "core/simd/batch_simulator.h"
 #include "tests/core/testing.h"
 
@@ -20,14 +21,14 @@ constexpr double kReduction = 0.80;
 #endif
 
 // J(K(i)) of every iteration, i from 1.
-std::vector<double> Costs(const EpisodeProblem& problem, const ArsOptions& options) {
+std::vector<double> Costs(const EpisodeProblem& problem, const SearchOptions& options) {
   std::vector<double> costs;
   const auto evaluate = [&](std::span<const Gains> gains, std::span<EpisodeResult> results) {
     std::vector<BatchEpisode> episodes;
     for (const Gains& k : gains) episodes.push_back({.problem = &problem, .gains = k});
     SimulateBatch(episodes, results);
   };
-  const absl::Status status = RunArs(options, evaluate, [&](const IterationRecord& record) {
+  const absl::Status status = RunSearch(options, evaluate, [&](const IterationRecord& record) {
     EXPECT_EQ(record.outcome, Outcome::kSettled);
     EXPECT_EQ(record.pairs_left_out, 0);
     costs.push_back(record.cost);
@@ -40,7 +41,7 @@ TEST(GtoGeoSearchTest, EverySeedReachesTheReduction) {
   const Scenario& scenario = *FindPreset("gto-geo");
   const EpisodeProblem problem = Prepare(scenario)->problem;
   testing::ParallelFor(kSeeds, [&](int i) {
-    ArsOptions options = scenario.search;
+    SearchOptions options = scenario.search;
     options.iterations = kIterations;
     options.seed = static_cast<std::uint64_t>(i) + 1;
     const std::vector<double> costs = Costs(problem, options);
