@@ -1,6 +1,7 @@
 #include "core/library/query.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 
 #include "core/base/check.h"
@@ -10,6 +11,9 @@ namespace {
 
 // Of the candidates, the share that gains for several initial conditions may take, the newest of them.
 constexpr int kGeneralShare = 4;
+
+// Threads of a refinement, each from another of the best answers.
+constexpr std::size_t kSearches = 2;
 
 // The nearest gain sets that each weighted mean is made of.
 constexpr std::size_t kMeansOf[] = {4, 12};
@@ -52,6 +56,9 @@ Candidate Stored(const LibraryEntry& entry, double distance) {
           .kind = entry.kind,
           .distance = distance};
 }
+
+// What is compared of a flight.
+EpisodeResult ResultOf(const Flight& flight) { return {.outcome = flight.outcome, .cost = flight.cost}; }
 
 }  // namespace
 
@@ -110,6 +117,24 @@ QueryResult QueryLibrary(const ScenarioLibrary* library, const PreparedScenario&
   order.resize(std::min(order.size(), static_cast<std::size_t>(options.max_answers)));
   for (const std::size_t i : order) query.answers.push_back(Measure(prepared, candidates[i], results[i]));
   return query;
+}
+
+void RefineAnswers(const PreparedScenario& prepared, const RefineOptions& options, const Evaluate& evaluate,
+                   std::size_t max_answers, QueryResult& query) {
+  const auto begin = std::chrono::steady_clock::now();
+  std::vector<Gains> starts;
+  for (const QueryAnswer& answer : std::span(query.answers).first(std::min(kSearches, query.answers.size()))) {
+    starts.push_back(answer.candidate.gains);
+  }
+  const RefineResult found = Refine(starts, evaluate, options);
+  Refined& refined = query.refined.emplace();
+  refined.episodes = found.episodes;
+  refined.improved = BetterResult(found.result, ResultOf(query.answers.front().flight));
+  refined.elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  if (!refined.improved) return;
+  const Candidate candidate{.source = Candidate::Source::kRefined, .gains = found.gains};
+  query.answers.insert(query.answers.begin(), Measure(prepared, candidate, found.result));
+  if (query.answers.size() > max_answers) query.answers.pop_back();
 }
 
 }  // namespace orbitune

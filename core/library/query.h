@@ -1,9 +1,8 @@
 // "Which gains for this new start?": candidates from the library, each flown from the new start before it is answered.
 #pragma once
 
-#include <chrono>
-
 #include "core/library/gain_library.h"
+#include "core/library/refine.h"
 #include "core/search/search.h"
 
 namespace orbitune {
@@ -34,14 +33,21 @@ struct QueryOptions {
   static constexpr int kMostAnswers = 100;
 };
 
+struct Refined {
+  std::int64_t episodes = 0;
+  double elapsed_s = 0;
+  bool improved = false;  // the first answer is of kRefined
+};
+
 struct QueryResult {
   LibraryPosition position;
   // The best first: settled before not settled before the rest, then by cost.
   std::vector<QueryAnswer> answers;
-  int candidates = 0;  // flown
+  std::optional<Refined> refined;  // where asked for
+  int candidates = 0;              // flown, without those of the refinement
   int candidates_settled = 0;
 
-  bool settled() const { return candidates_settled > 0; }
+  bool settled() const { return !answers.empty() && answers.front().flight.outcome == Outcome::kSettled; }
 };
 
 // At most max_candidates, none twice: the scenario's initial gains and the means first, then what is stored for
@@ -53,6 +59,10 @@ std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const Er
 // answers' effort. prepared: of the new start.
 QueryResult QueryLibrary(const ScenarioLibrary* library, const PreparedScenario& prepared, const Gains& initial_gains,
                          const QueryOptions& options, const Evaluate& evaluate);
+
+// Searches on from the best answers, and puts what it finds first, if that is better than all.
+void RefineAnswers(const PreparedScenario& prepared, const RefineOptions& options, const Evaluate& evaluate,
+                   std::size_t max_answers, QueryResult& query);
 
 // The answer that these gains make, given their result by `evaluate`: its cost and terms are that result's, its
 // effort and certificate the scalar simulator's, flown until settling is proven.

@@ -80,6 +80,14 @@ absl::StatusOr<GainQueryAnswer> GainUseCases::Query(const GainQuery& query, cons
   const auto library = library_.Find(answer.scenario_digest);
   answer.result = QueryLibrary(library.get(), answer.prepared, scenario->search.initial_gains, options,
                                FlyIn(answer.prepared.problem));
+  if (query.refine_budget_ms) {
+    const int budget_ms = *query.refine_budget_ms > 0 ? *query.refine_budget_ms : kDefaultRefineMs;
+    RefineAnswers(answer.prepared,
+                  {.budget = std::chrono::milliseconds(budget_ms),
+                   .cancelled = cancelled,
+                   .gain_floor = scenario->search.gain_floor},
+                  FlyIn(answer.prepared.problem), static_cast<std::size_t>(options.max_answers), answer.result);
+  }
   if (cancelled && cancelled()) return absl::CancelledError("nobody waits for the answer any more");
   answer.message = Advice(*scenario, answer);
   return answer;
