@@ -12,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/simd/lane_kernel.h"
 #include "server/config/config.h"
+#include "server/jobs/gain_sets.h"
 #include "server/rpc/server.h"
 #include "storage/sqlite_store.h"
 
@@ -74,11 +75,16 @@ int Serve(const ServerConfig& config) {
   const std::string database = config.data_dir + "/orbitune.db";
   auto store = OpenSqliteStore({.path = database});
   if (!store.ok()) return Fail(store.status());
+  GainLibrary library;
+  if (absl::Status status = LoadLibrary((*store)->gains(), library); !status.ok()) return Fail(status);
   EventHub hub;
-  Scheduler scheduler(**store, hub, {.threads = config.threads, .max_running_jobs = config.max_running_jobs});
+  Scheduler scheduler(**store, hub,
+                      {.threads = config.threads, .max_running_jobs = config.max_running_jobs, .library = &library});
   UseCases use_cases(**store, scheduler, hub);
+  GainUseCases gains(**store, library);
+  use_cases.set_gain_sets([&gains](const std::string& id) { return gains.WarmStartFrom(id); });
   if (absl::Status status = scheduler.Start(); !status.ok()) return Fail(status);
-  Api api(use_cases);
+  Api api(use_cases, gains);
   auto server = RpcServer::Start(config.listen, api);
   if (!server.ok()) return Fail(server.status());
 

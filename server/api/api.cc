@@ -5,9 +5,13 @@
 
 namespace orbitune {
 
-Api::Api(UseCases& use_cases)
-    : tuning_({use_cases, executors_, messages_, feeds_}), scenarios_(use_cases), simulation_(use_cases) {
+Api::Api(UseCases& use_cases, GainUseCases& gains)
+    : tuning_({use_cases, executors_, messages_, feeds_}),
+      gains_(gains),
+      scenarios_(use_cases),
+      simulation_(use_cases) {
   tuning_.AddTo(methods_);
+  gains_.AddTo(methods_);
   scenarios_.AddTo(methods_);
   simulation_.AddTo(methods_);
 }
@@ -20,9 +24,9 @@ std::vector<std::string> Api::ServiceNames() const {
 
 void Api::Call(const Method& method, const google::protobuf::Message& request, google::protobuf::Message* response,
                Cancelled cancelled, std::function<void(absl::Status)> done) {
-  const bool posted = executors_.For(method.work).TryPost([&method, &request, response, cancelled, done] {
-    done(method.answer(request, response, cancelled));
-  });
+  const Work work = method.work_of ? method.work_of(request) : method.work;
+  const bool posted = executors_.For(work).TryPost(
+      [&method, &request, response, cancelled, done] { done(method.answer(request, response, cancelled)); });
   if (!posted) done(absl::ResourceExhaustedError("too many requests are waiting"));
 }
 

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "server/api/gains.h"
 #include "server/api/scenarios.h"
 #include "server/api/simulation.h"
 #include "server/api/tuning.h"
@@ -17,8 +18,8 @@ inline constexpr int kLargestRequestBytes = 16 << 20;
 // Thread-safe. Outlives the transports.
 class Api {
  public:
-  // use_cases: outlives this.
-  explicit Api(UseCases& use_cases);
+  // Both outlive this.
+  Api(UseCases& use_cases, GainUseCases& gains);
 
   const MethodTable& methods() const { return methods_; }
 
@@ -40,6 +41,7 @@ class Api {
   Feeds feeds_;
   JobEventMessages messages_;
   TuningApi tuning_;
+  GainApi gains_;
   ScenarioApi scenarios_;
   SimulationApi simulation_;
   MethodTable methods_;

@@ -134,6 +134,12 @@ std::string GainUseCases::SimilarScenarios(const Scenario& scenario, const std::
 
 absl::StatusOr<GainSet> GainUseCases::Get(const std::string& id) { return store_.gains().GetGainSet(id); }
 
+absl::StatusOr<WarmStart> GainUseCases::WarmStartFrom(const std::string& id) {
+  const auto set = Get(id);
+  if (!set.ok()) return set.status();
+  return WarmStart{set->gains, set->velocity_unit_m_s, set->acceleration_unit_m_s2};
+}
+
 absl::StatusOr<Page<GainSet>> GainUseCases::List(int page_size, const std::string& page_token,
                                                  const std::string& filter) {
   const auto size = PageSize(page_size, 50, 1000);

@@ -60,6 +60,8 @@ class GainUseCases {
   absl::StatusOr<GainQueryAnswer> Query(const GainQuery& query, const std::function<bool()>& cancelled = {});
 
   absl::StatusOr<GainSet> Get(const std::string& id);
+  // As a job's K(1).
+  absl::StatusOr<WarmStart> WarmStartFrom(const std::string& id);
   absl::StatusOr<Page<GainSet>> List(int page_size, const std::string& page_token, const std::string& filter);
   absl::Status Delete(const std::string& id);
 

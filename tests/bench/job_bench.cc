@@ -145,7 +145,9 @@ JobRow RunThroughServer(int jobs, int threads, int iterations) {
     Scheduler scheduler(**store, hub, {.threads = threads});
     UseCases use_cases(**store, scheduler, hub);
     ORBITUNE_CHECK(scheduler.Start().ok());
-    Api api(use_cases);
+    GainLibrary library;
+    GainUseCases gains(**store, library);
+    Api api(use_cases, gains);
     auto server = RpcServer::Start("127.0.0.1:0", api);
     ORBITUNE_CHECK(server.ok());
     const auto stub =

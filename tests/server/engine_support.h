@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "server/service/gain_use_cases.h"
 #include "server/service/use_cases.h"
 #include "storage/sqlite_store.h"
 
@@ -51,6 +52,7 @@ class Engine {
   EventHub& hub() { return hub_; }
   Scheduler& scheduler() { return scheduler_; }
   UseCases& use_cases() { return use_cases_; }
+  GainUseCases& gains() { return gains_; }
 
   // Each fails the test where the answer is an error.
   void Start();
@@ -66,9 +68,11 @@ class Engine {
 
  private:
   std::unique_ptr<JobStore> store_;
+  GainLibrary library_;
   EventHub hub_;
   Scheduler scheduler_;
   UseCases use_cases_;
+  GainUseCases gains_;
 };
 
 // Puts a job into a store, without an engine. Each waits for the answer and fails the test where it is an error.
