@@ -20,6 +20,8 @@ constexpr std::size_t kSmall = 256;
 constexpr std::size_t kMostUnindexed = 4096;
 constexpr std::size_t kIndexedPerUnindexed = 8;
 
+const nanoflann::KDTreeSingleIndexAdaptorParams kTreeParameters(/*leaf_max_size=*/48);
+
 // Stored starts whose nearest neighbours are looked up for LibraryPosition::typical_distance.
 constexpr std::size_t kSampledForTypical = 128;
 constexpr double kTypicalQuantile = 0.9;
@@ -79,9 +81,11 @@ class Nearest {
 struct NearestAlive {
   using DistanceType = double;
   Nearest& nearest;
+  const std::vector<std::size_t>& item_of;
   const std::vector<bool>& removed;
 
-  bool addPoint(double squared_distance, std::size_t item) {
+  bool addPoint(double squared_distance, std::size_t point) {
+    const std::size_t item = item_of[point];
     return removed[item] || nearest.addPoint(squared_distance, item);
   }
   bool full() const { return nearest.full(); }
@@ -157,7 +161,11 @@ struct ScenarioLibrary::Index {
     spread = SpreadOf(points, centre, least_spread);
     for (const Point& point : points) cloud.points.push_back(Scaled(point, spread));
     if (points.empty()) return;
-    tree.emplace(kCoordinates, cloud);
+    // Points that a leaf holds side by side in memory, too: twice as fast a search.
+    tree.emplace(kCoordinates, cloud, kTreeParameters);
+    item_of = tree->vAcc;
+    for (std::size_t i = 0; i < item_of.size(); ++i) cloud.points[i] = Scaled(points[item_of[i]], spread);
+    tree.emplace(kCoordinates, cloud, kTreeParameters);
     typical_distance = TypicalDistance(cloud, *tree);
   }
   Index(const Index&) = delete;  // the tree points to the cloud
@@ -166,7 +174,8 @@ struct ScenarioLibrary::Index {
   const std::vector<LibraryEntry> entries;
   Point centre{};
   Point spread{};
-  Cloud cloud;  // scaled, in the order of the entries
+  Cloud cloud;                       // scaled
+  std::vector<std::size_t> item_of;  // the entry of each point
   std::optional<Tree> tree;
   double typical_distance = kUnset;
 };
@@ -287,7 +296,7 @@ ScenarioLibrary::Neighbourhood ScenarioLibrary::Around(const ErrorState& x, std:
   const Point scaled = Scaled(PointOf(x), index.spread);
   Nearest nearest(std::max<std::size_t>(most_nearest, 1));  // the position needs one
   if (index.tree) {
-    NearestAlive results{nearest, removed_};
+    NearestAlive results{nearest, index.item_of, removed_};
     index.tree->findNeighbors(results, scaled.data(), nanoflann::SearchParams());
   }
   for (std::size_t i = 0; i < recent_.size(); ++i) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <numeric>
 
 #include "core/base/check.h"
 
@@ -11,6 +12,12 @@ namespace {
 
 // Of the candidates, the share that gains for several initial conditions may take, the newest of them.
 constexpr int kGeneralShare = 4;
+
+// Candidates are told apart at a loose tolerance, in a third of the time: costs then are right to some 1e-5. As many
+// more than are answered are flown again at the scenario's own.
+constexpr double kScreeningTolerance = 1e-6;
+constexpr std::size_t kScreeningMargin = 3;
+constexpr double kMeasuringTolerance = 1e-7;
 
 // Threads of a refinement, each from another of the best answers.
 constexpr std::size_t kSearches = 2;
@@ -57,6 +64,36 @@ Candidate Stored(const LibraryEntry& entry, double distance) {
           .distance = distance};
 }
 
+EpisodeProblem WithTolerance(EpisodeProblem problem, double tolerance) {
+  problem.tolerance = std::max(problem.tolerance, tolerance);
+  return problem;
+}
+
+std::vector<EpisodeResult> FlyAll(const EpisodeProblem& problem, std::span<const Candidate> candidates,
+                                  const Fly& fly) {
+  std::vector<Gains> gains;
+  for (const Candidate& candidate : candidates) gains.push_back(candidate.gains);
+  std::vector<EpisodeResult> results(gains.size());
+  fly(problem, gains, results);
+  return results;
+}
+
+// The `most` best, the best first; of equals, those that came first.
+void KeepBest(std::size_t most, std::vector<Candidate>& candidates, std::vector<EpisodeResult>& results) {
+  std::vector<std::size_t> order(candidates.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) { return BetterResult(results[a], results[b]); });
+  order.resize(std::min(order.size(), most));
+  std::vector<Candidate> best_candidates;
+  std::vector<EpisodeResult> best_results;
+  for (const std::size_t i : order) {
+    best_candidates.push_back(std::move(candidates[i]));
+    best_results.push_back(results[i]);
+  }
+  candidates = std::move(best_candidates);
+  results = std::move(best_results);
+}
+
 // What is compared of a flight.
 EpisodeResult ResultOf(const Flight& flight) { return {.outcome = flight.outcome, .cost = flight.cost}; }
 
@@ -87,7 +124,8 @@ std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const Er
 }
 
 QueryAnswer Measure(const PreparedScenario& prepared, const Candidate& candidate, const EpisodeResult& result) {
-  WatchedEpisode episode = FlyWatched(prepared.problem, candidate.gains, {.early_exit = true});
+  WatchedEpisode episode =
+      FlyWatched(WithTolerance(prepared.problem, kMeasuringTolerance), candidate.gains, {.early_exit = true});
   // The two simulators agree to the integration's tolerance only; what was ranked is what is answered.
   if (HasCost(result.outcome)) {
     episode.result.outcome = result.outcome;
@@ -99,42 +137,47 @@ QueryAnswer Measure(const PreparedScenario& prepared, const Candidate& candidate
 }
 
 QueryResult QueryLibrary(const ScenarioLibrary* library, const PreparedScenario& prepared, const Gains& initial_gains,
-                         const QueryOptions& options, const Evaluate& evaluate) {
+                         const QueryOptions& options, const Fly& fly) {
   ORBITUNE_CHECK(options.max_candidates > 0 && options.max_answers > 0);
   QueryResult query;
-  const std::vector<Candidate> candidates =
+  std::vector<Candidate> candidates =
       ChooseCandidates(library, prepared.problem.initial_error, initial_gains, options, query.position);
-  std::vector<Gains> gains;
-  for (const Candidate& candidate : candidates) gains.push_back(candidate.gains);
-  std::vector<EpisodeResult> results(gains.size());
-  evaluate(gains, results);
-
-  std::vector<std::size_t> order(candidates.size());
-  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-  std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) { return BetterResult(results[a], results[b]); });
+  std::vector<EpisodeResult> results = FlyAll(WithTolerance(prepared.problem, kScreeningTolerance), candidates, fly);
   query.candidates = static_cast<int>(candidates.size());
   query.candidates_settled = static_cast<int>(std::ranges::count(results, Outcome::kSettled, &EpisodeResult::outcome));
-  order.resize(std::min(order.size(), static_cast<std::size_t>(options.max_answers)));
-  for (const std::size_t i : order) query.answers.push_back(Measure(prepared, candidates[i], results[i]));
+
+  const auto answers = static_cast<std::size_t>(options.max_answers);
+  KeepBest(answers + kScreeningMargin, candidates, results);
+  results = FlyAll(prepared.problem, candidates, fly);
+  KeepBest(answers, candidates, results);
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    query.answers.push_back(Measure(prepared, candidates[i], results[i]));
+  }
   return query;
 }
 
-void RefineAnswers(const PreparedScenario& prepared, const RefineOptions& options, const Evaluate& evaluate,
+void RefineAnswers(const PreparedScenario& prepared, const RefineOptions& options, const Fly& fly,
                    std::size_t max_answers, QueryResult& query) {
   const auto begin = std::chrono::steady_clock::now();
   std::vector<Gains> starts;
   for (const QueryAnswer& answer : std::span(query.answers).first(std::min(kSearches, query.answers.size()))) {
     starts.push_back(answer.candidate.gains);
   }
-  const RefineResult found = Refine(starts, evaluate, options);
+  const EpisodeProblem screening = WithTolerance(prepared.problem, kScreeningTolerance);
+  const RefineResult found = Refine(
+      starts, [&](std::span<const Gains> gains, std::span<EpisodeResult> results) { fly(screening, gains, results); },
+      options);
+  EpisodeResult result;
+  fly(prepared.problem, {&found.gains, 1}, {&result, 1});
   Refined& refined = query.refined.emplace();
   refined.episodes = found.episodes;
-  refined.improved = BetterResult(found.result, ResultOf(query.answers.front().flight));
+  refined.improved = BetterResult(result, ResultOf(query.answers.front().flight));
+  if (refined.improved) {
+    const Candidate candidate{.source = Candidate::Source::kRefined, .gains = found.gains};
+    query.answers.insert(query.answers.begin(), Measure(prepared, candidate, result));
+    if (query.answers.size() > max_answers) query.answers.pop_back();
+  }
   refined.elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  if (!refined.improved) return;
-  const Candidate candidate{.source = Candidate::Source::kRefined, .gains = found.gains};
-  query.answers.insert(query.answers.begin(), Measure(prepared, candidate, found.result));
-  if (query.answers.size() > max_answers) query.answers.pop_back();
 }
 
 }  // namespace orbitune

@@ -55,17 +55,21 @@ struct QueryResult {
 std::vector<Candidate> ChooseCandidates(const ScenarioLibrary* library, const ErrorState& x, const Gains& initial_gains,
                                         const QueryOptions& options, LibraryPosition& position);
 
-// Flies every candidate from the prepared start through `evaluate`, ranks them by what came out, and measures the
-// answers' effort. prepared: of the new start.
-QueryResult QueryLibrary(const ScenarioLibrary* library, const PreparedScenario& prepared, const Gains& initial_gains,
-                         const QueryOptions& options, const Evaluate& evaluate);
+// Simulates one episode of the problem for each of the gains, as SimulateBatch does.
+using Fly =
+    std::function<void(const EpisodeProblem& problem, std::span<const Gains> gains, std::span<EpisodeResult> results)>;
 
-// Searches on from the best answers, and puts what it finds first, if that is better than all.
-void RefineAnswers(const PreparedScenario& prepared, const RefineOptions& options, const Evaluate& evaluate,
+// Flies every candidate from the prepared start, at a loose tolerance; the best ones again at the scenario's own, ranks
+// them by what came out, and measures the answers' effort. prepared: of the new start.
+QueryResult QueryLibrary(const ScenarioLibrary* library, const PreparedScenario& prepared, const Gains& initial_gains,
+                         const QueryOptions& options, const Fly& fly);
+
+// Searches on from the best answers, and puts what it finds first, if that is better than all. fly: thread-safe.
+void RefineAnswers(const PreparedScenario& prepared, const RefineOptions& options, const Fly& fly,
                    std::size_t max_answers, QueryResult& query);
 
-// The answer that these gains make, given their result by `evaluate`: its cost and terms are that result's, its
-// effort and certificate the scalar simulator's, flown until settling is proven.
+// The answer that these gains make, given their result by SimulateBatch: its cost and terms are that result's, its
+// effort and certificate the scalar simulator's, flown until settling is proven, to seven digits.
 QueryAnswer Measure(const PreparedScenario& prepared, const Candidate& candidate, const EpisodeResult& result);
 
 }  // namespace orbitune

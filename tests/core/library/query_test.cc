@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <map>
 #include <set>
 
 #include "absl/strings/str_cat.h"
@@ -18,6 +19,12 @@ using testing::Random;
 using Source = Candidate::Source;
 
 constexpr Gains kInitialGains{0.1, 1, 1, 1, 10};
+
+void Flying(const EpisodeProblem& problem, std::span<const Gains> gains, std::span<EpisodeResult> results) {
+  std::vector<BatchEpisode> episodes;
+  for (const Gains& k : gains) episodes.push_back({.problem = &problem, .gains = k});
+  SimulateBatch(episodes, results);
+}
 
 class QueryTest : public ::testing::Test {
  protected:
@@ -41,14 +48,6 @@ class QueryTest : public ::testing::Test {
     }
   }
 
-  Evaluate Flying() const {
-    return [this](std::span<const Gains> gains, std::span<EpisodeResult> results) {
-      std::vector<BatchEpisode> episodes;
-      for (const Gains& k : gains) episodes.push_back({.problem = &prepared_.problem, .gains = k});
-      SimulateBatch(episodes, results);
-    };
-  }
-
   std::vector<Candidate> Choose(int most) const {
     LibraryPosition position;
     return ChooseCandidates(&library_, prepared_.problem.initial_error, kInitialGains, {.max_candidates = most},
@@ -67,7 +66,7 @@ std::set<Source> SourcesOf(const std::vector<Candidate>& candidates) {
 
 TEST_F(QueryTest, WithoutALibraryTheScenariosOwnGainsAreFlown) {
   for (const ScenarioLibrary* library : std::array<const ScenarioLibrary*, 2>{nullptr, &library_}) {
-    const QueryResult query = QueryLibrary(library, prepared_, kInitialGains, {}, Flying());
+    const QueryResult query = QueryLibrary(library, prepared_, kInitialGains, {}, Flying);
     EXPECT_EQ(query.position.library_size, 0u);
     ASSERT_EQ(query.answers.size(), 1u);
     EXPECT_EQ(query.answers[0].candidate.source, Source::kInitial);
@@ -112,13 +111,13 @@ TEST_F(QueryTest, ManyGeneralSetsLeaveRoomForTheNearest) {
 
 TEST_F(QueryTest, AnswersAreRankedByWhatTheyCostFromHere) {
   StoreMany(60);
-  const QueryResult query = QueryLibrary(&library_, prepared_, kInitialGains, {.max_answers = 64}, Flying());
+  const QueryResult query = QueryLibrary(&library_, prepared_, kInitialGains, {.max_answers = 64}, Flying);
   ASSERT_EQ(query.answers.size(), 64u);
   EXPECT_EQ(query.candidates, 64);
   for (std::size_t i = 0; i < query.answers.size(); ++i) {
     const QueryAnswer& answer = query.answers[i];
     EpisodeResult alone;
-    Flying()({&answer.candidate.gains, 1}, {&alone, 1});
+    Flying(prepared_.problem, {&answer.candidate.gains, 1}, {&alone, 1});
     EXPECT_EQ(answer.flight.cost, alone.cost) << "flown from another start?";
     EXPECT_GT(answer.flight.delta_v_m_s, 0);
     EXPECT_TRUE(answer.flight.certificate.lyapunov_decreasing);
@@ -129,20 +128,25 @@ TEST_F(QueryTest, AnswersAreRankedByWhatTheyCostFromHere) {
                 (unsettled(before) == unsettled(answer.flight) && before.cost <= answer.flight.cost))
         << i;
   }
-  EXPECT_EQ(QueryLibrary(&library_, prepared_, kInitialGains, {.max_answers = 2}, Flying()).answers.size(), 2u);
+  EXPECT_EQ(QueryLibrary(&library_, prepared_, kInitialGains, {.max_answers = 2}, Flying).answers.size(), 2u);
 }
 
 // Whatever its cost, gains that did not settle come after every one that did; those without a cost come last.
 TEST_F(QueryTest, NothingUnsettledIsRankedFirst) {
   StoreMany(3);
-  const Evaluate scripted = [](std::span<const Gains>, std::span<EpisodeResult> results) {
-    ASSERT_EQ(results.size(), 6u);
-    results[0] = {.outcome = Outcome::kLeftDomain};
-    results[1] = {.outcome = Outcome::kNotSettled, .settling_samples = 1280, .fuel_sum = 0, .cost = 10};
-    results[2] = {.outcome = Outcome::kSettled, .settling_samples = 9, .fuel_sum = 1, .cost = 500};
-    results[3] = {.outcome = Outcome::kNumericalFailure};
-    results[4] = {.outcome = Outcome::kNotSettled, .settling_samples = 1280, .fuel_sum = 0, .cost = 5};
-    results[5] = {.outcome = Outcome::kSettled, .settling_samples = 8, .fuel_sum = 1, .cost = 400};
+  const std::vector<EpisodeResult> script = {
+      {.outcome = Outcome::kLeftDomain},
+      {.outcome = Outcome::kNotSettled, .settling_samples = 1280, .fuel_sum = 0, .cost = 10},
+      {.outcome = Outcome::kSettled, .settling_samples = 9, .fuel_sum = 1, .cost = 500},
+      {.outcome = Outcome::kNumericalFailure},
+      {.outcome = Outcome::kNotSettled, .settling_samples = 1280, .fuel_sum = 0, .cost = 5},
+      {.outcome = Outcome::kSettled, .settling_samples = 8, .fuel_sum = 1, .cost = 400}};
+  std::map<Gains, EpisodeResult> by_gains;
+  const Fly scripted = [&](const EpisodeProblem&, std::span<const Gains> gains, std::span<EpisodeResult> results) {
+    for (std::size_t i = 0; i < gains.size(); ++i) {
+      if (by_gains.size() < script.size()) by_gains.emplace(gains[i], script[by_gains.size()]);
+      results[i] = by_gains.at(gains[i]);
+    }
   };
   const QueryResult query = QueryLibrary(&library_, prepared_, kInitialGains, {.max_answers = 9}, scripted);
   std::vector<double> costs;
@@ -155,14 +159,57 @@ TEST_F(QueryTest, NothingUnsettledIsRankedFirst) {
   EXPECT_EQ(std::vector(costs.begin(), costs.begin() + 4), (std::vector<double>{400, 500, 5, 10}));
 }
 
+// Screening saves time; it must not show in the answers.
+TEST_F(QueryTest, AnswersAreFlownAtTheScenariosOwnTolerance) {
+  StoreMany(60);
+  std::vector<std::pair<double, std::size_t>> flown;  // tolerance, episodes
+  const Fly noting = [&](const EpisodeProblem& problem, std::span<const Gains> gains, std::span<EpisodeResult> out) {
+    flown.emplace_back(problem.tolerance, gains.size());
+    Flying(problem, gains, out);
+  };
+  const QueryResult query = QueryLibrary(&library_, prepared_, kInitialGains, {.max_answers = 3}, noting);
+  ASSERT_EQ(flown.size(), 2u);
+  EXPECT_EQ(flown[0].second, 64u);
+  EXPECT_EQ(flown[1].first, prepared_.problem.tolerance);
+  EXPECT_LT(flown[1].second, 10u);
+  // The same three as without screening.
+  const QueryResult all = QueryLibrary(&library_, prepared_, kInitialGains, {.max_answers = 64}, Flying);
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_EQ(query.answers[i].candidate.gains, all.answers[i].candidate.gains) << i;
+    EXPECT_EQ(query.answers[i].flight.cost, all.answers[i].flight.cost) << i;
+  }
+}
+
+TEST_F(QueryTest, ARefinementIsFirstWhereItIsBetterAndNoOneSeesItWhereItIsNot) {
+  StoreMany(5);
+  QueryResult query = QueryLibrary(&library_, prepared_, kInitialGains, {.max_answers = 4}, Flying);
+  const double before = query.answers.front().flight.cost;
+  RefineAnswers(prepared_, {.budget = std::chrono::milliseconds(200)}, Flying, 4, query);
+  ASSERT_TRUE(query.refined);
+  EXPECT_GT(query.refined->episodes, 32);
+  ASSERT_TRUE(query.refined->improved);
+  EXPECT_EQ(query.answers.size(), 4u);
+  EXPECT_EQ(query.answers.front().candidate.source, Source::kRefined);
+  EXPECT_LT(query.answers.front().flight.cost, before);
+  EXPECT_TRUE(query.answers.front().flight.certificate.lyapunov_decreasing);
+
+  QueryResult none = QueryLibrary(&library_, prepared_, kInitialGains, {.max_answers = 4}, Flying);
+  RefineAnswers(prepared_, {.budget = std::chrono::milliseconds(0)}, Flying, 4, none);
+  EXPECT_FALSE(none.refined->improved);
+  EXPECT_EQ(none.answers.front().flight.cost, before);
+}
+
+TEST_F(QueryTest, ARefinementEndsWhenNobodyWaits) {
+  QueryResult query = QueryLibrary(nullptr, prepared_, kInitialGains, {}, Flying);
+  RefineAnswers(prepared_, {.budget = std::chrono::hours(1), .cancelled = [] { return true; }}, Flying, 4, query);
+  EXPECT_EQ(query.refined->episodes, 0);
+  EXPECT_FALSE(query.refined->improved);
+}
+
 TEST_F(QueryTest, SaysSoWhereNothingSettles) {
   Scenario printed = *FindPreset("gto-geo-printed");
   const PreparedScenario prepared = *Prepare(printed);
-  const Evaluate flying = [&](std::span<const Gains> gains, std::span<EpisodeResult> results) {
-    const BatchEpisode episode{.problem = &prepared.problem, .gains = gains[0]};
-    SimulateBatch({&episode, 1}, results);
-  };
-  const QueryResult query = QueryLibrary(nullptr, prepared, kInitialGains, {}, flying);
+  const QueryResult query = QueryLibrary(nullptr, prepared, kInitialGains, {}, Flying);
   EXPECT_FALSE(query.settled());
   ASSERT_EQ(query.answers.size(), 1u);
   EXPECT_EQ(query.answers[0].flight.outcome, Outcome::kLeftDomain);
