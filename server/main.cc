@@ -1,6 +1,7 @@
 // orbituned: wiring only.
 #include <pthread.h>
 #include <signal.h>
+#include <sys/resource.h>
 
 #include <chrono>
 #include <csignal>
@@ -13,6 +14,7 @@
 #include "core/simd/lane_kernel.h"
 #include "server/config/config.h"
 #include "server/jobs/gain_sets.h"
+#include "server/rest/server.h"
 #include "server/rpc/server.h"
 #include "storage/sqlite_store.h"
 
@@ -32,13 +34,21 @@ sigset_t BlockSignals() {
   return signals;
 }
 
+// A connection each: as many files as the system lets us open.
+void RaiseFileLimit() {
+  rlimit limit{};
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  setrlimit(RLIMIT_NOFILE, &limit);
+}
+
 int Fail(const absl::Status& status) {
   std::fprintf(stderr, "orbituned: %s\n", std::string(status.message()).c_str());
   return 1;
 }
 
 // Until a signal comes, health follows the disk.
-int ServeUntilSignal(const sigset_t& signals, const JobStore& store, RpcServer& server) {
+int ServeUntilSignal(const sigset_t& signals, const JobStore& store, RpcServer& rpc, HttpServer* http) {
   bool serving = true;
   while (true) {
     constexpr timespec kPeriod{.tv_sec = 1, .tv_nsec = 0};
@@ -47,7 +57,8 @@ int ServeUntilSignal(const sigset_t& signals, const JobStore& store, RpcServer& 
     const absl::Status disk = store.ok_for_now();
     if (disk.ok() == serving) continue;
     serving = disk.ok();
-    server.SetServing(serving);
+    rpc.SetServing(serving);
+    if (http != nullptr) http->SetServing(serving);
     std::fprintf(stderr, "orbituned: %s\n",
                  serving ? "the disk is back; jobs go on"
                          : absl::StrCat("jobs wait for the disk: ", std::string(disk.message())).c_str());
@@ -64,8 +75,43 @@ void EndInAnyCase() {
   }).detach();
 }
 
+std::chrono::milliseconds Milliseconds(double seconds) {
+  return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::duration<double>(seconds));
+}
+
+HttpOptions HttpOptionsOf(const ServerConfig& config) {
+  HttpOptions options;
+  options.address = config.http;
+  options.web_dir = config.web_dir;
+  options.cors_origins = config.http_cors_origins;
+  options.max_connections = config.http_max_connections;
+  options.max_header_bytes = static_cast<std::size_t>(config.http_max_header_bytes);
+  options.max_body_bytes = static_cast<std::size_t>(config.http_max_body_bytes);
+  options.header_time = Milliseconds(config.http_header_time_s);
+  options.body_time = Milliseconds(config.http_body_time_s);
+  options.idle_time = Milliseconds(config.http_idle_time_s);
+  options.stall_time = Milliseconds(config.http_stall_time_s);
+  return options;
+}
+
+// nullptr where there is to be none.
+absl::StatusOr<std::unique_ptr<HttpServer>> StartHttp(const ServerConfig& config, Api& api) {
+  if (config.http == "off") return nullptr;
+  return HttpServer::Start(HttpOptionsOf(config), api);
+}
+
+// Both at once, so that one does not use up the other's time.
+void ShutDown(RpcServer& rpc, HttpServer* http) {
+  constexpr std::chrono::milliseconds kGrace{2000};
+  const std::jthread beside([http] {
+    if (http != nullptr) http->Shutdown(kGrace);
+  });
+  rpc.Shutdown(kGrace);
+}
+
 int Serve(const ServerConfig& config) {
   const sigset_t signals = BlockSignals();
+  RaiseFileLimit();
   std::error_code error;
   std::filesystem::create_directories(config.data_dir, error);
   if (error) return Fail(absl::UnavailableError("--data-dir " + config.data_dir + ": " + error.message()));
@@ -83,20 +129,28 @@ int Serve(const ServerConfig& config) {
   UseCases use_cases(**store, scheduler, hub);
   GainUseCases gains(**store, library);
   use_cases.set_gain_sets([&gains](const std::string& id) { return gains.WarmStartFrom(id); });
-  if (absl::Status status = scheduler.Start(); !status.ok()) return Fail(status);
-  Api api(use_cases, gains);
-  auto server = RpcServer::Start(config.listen, api);
-  if (!server.ok()) return Fail(server.status());
+  CampaignEngine campaigns(**store, (*store)->campaigns(), scheduler, hub, &library);
+  CampaignUseCases campaign_use_cases(use_cases, (*store)->campaigns(), campaigns);
+  absl::Status started = scheduler.Start();
+  if (started.ok()) started = campaigns.Start();
+  if (!started.ok()) return Fail(started);
+  Api api(use_cases, campaign_use_cases, gains);
+  auto rpc = RpcServer::Start(config.listen, api);
+  if (!rpc.ok()) return Fail(rpc.status());
+  auto http = StartHttp(config, api);
+  if (!http.ok()) return Fail(http.status());
 
-  std::printf("orbituned " ORBITUNE_VERSION "\ngrpc %s\ndata %s\nthreads %d, %s\n", (*server)->address().c_str(),
-              database.c_str(), config.threads, simd::TargetInUse().c_str());
+  std::printf("orbituned " ORBITUNE_VERSION "\ngrpc %s\nhttp %s\ndata %s\nthreads %d, %s\n", (*rpc)->address().c_str(),
+              *http == nullptr ? "off" : (*http)->address().c_str(), database.c_str(), config.threads,
+              simd::TargetInUse().c_str());
   std::fflush(stdout);
 
-  const int signal = ServeUntilSignal(signals, **store, **server);
+  const int signal = ServeUntilSignal(signals, **store, **rpc, http->get());
   std::printf("%s: stopping; unfinished jobs go on at the next start\n", signal == SIGINT ? "SIGINT" : "SIGTERM");
   std::fflush(stdout);
   EndInAnyCase();
-  (*server)->Shutdown(std::chrono::milliseconds(2000));
+  ShutDown(**rpc, http->get());
+  campaigns.Stop();
   scheduler.Stop();
   return 0;
 }

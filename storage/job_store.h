@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "storage/campaign_store.h"
 #include "storage/gain_store.h"
 #include "storage/job.h"
 
@@ -22,6 +23,7 @@ struct JobFilter {
   std::vector<std::string> scenario_ids;      // any of; empty: every one
   std::vector<std::string> not_scenario_ids;  // none of
   std::vector<Label> labels;                  // all of
+  std::string campaign_id;                    // only this one's jobs; empty: only those that are part of none
 };
 
 // Jobs come in a total order: the key, then the id. A page begins behind the last job of the one before.
@@ -90,6 +92,7 @@ class JobStore {
                                                            int limit) const = 0;
 
   // Lives as long as the store.
+  virtual CampaignStore& campaigns() = 0;
   virtual GainStore& gains() = 0;
 
   // Returns once every write queued before the call is committed, or the store is closed.

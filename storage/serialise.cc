@@ -1,5 +1,6 @@
 #include "storage/serialise.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <concepts>
@@ -41,6 +42,14 @@ constexpr std::array<std::string_view, 4> kNames<GainSetKind>{"TUNED", "ROBUST",
 template <>
 constexpr std::array<std::string_view, 6> kNames<WarningKind>{"GAIN_AT_FLOOR", "LAST_NOT_BEST", "PEAK_ACCELERATION",
                                                               "NOT_SETTLED",   "DELTA_V_ROSE",  "PAIRS_LEFT_OUT"};
+
+template <>
+constexpr std::array<std::string_view, 6> kNames<CampaignState>{"RUNNING",   "PAUSED", "EVALUATING",
+                                                                "SUCCEEDED", "FAILED", "CANCELLED"};
+template <>
+constexpr std::array<std::string_view, 3> kNames<MemberRole>{"TUNED", "HELD_OUT", "ROBUST"};
+template <>
+constexpr std::array<std::string_view, 6> kNames<GainsChoice>{"INITIAL", "TUNED", "BEST", "MEAN", "ROBUST", "NEAREST"};
 
 // The fields of each struct, once for writing and reading: visit(name, field).
 // visit.Later(name, field): one that version 1 of the documents did not have. It is written only where it differs from
@@ -255,9 +264,131 @@ void VisitFields(T& s, V&& visit) {
   visit("flight", s.flight);
 }
 
-// The forms of an OrbitState by their names; std::monostate is null.
+template <Is<FixedValue> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("value", s.value);
+}
+
+template <Is<UniformVariate> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("low", s.low);
+  visit("high", s.high);
+}
+
+template <Is<NormalVariate> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("mean", s.mean);
+  visit("standard_deviation", s.standard_deviation);
+}
+
+template <Is<KeplerianDistribution> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("semi_major_axis_km", s.semi_major_axis_km);
+  visit("eccentricity", s.eccentricity);
+  visit("inclination_deg", s.inclination_deg);
+  visit("raan_deg", s.raan_deg);
+  visit("argument_of_periapsis_deg", s.argument_of_periapsis_deg);
+  visit("position", s.position);
+  visit("position_deg", s.position_deg);
+  visit("mirrored_periapsis", s.mirrored_periapsis);
+}
+
+template <Is<EquinoctialDistribution> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("p_km", s.p_km);
+  visit("ex", s.ex);
+  visit("ey", s.ey);
+  visit("hx", s.hx);
+  visit("hy", s.hy);
+  visit("true_longitude_deg", s.true_longitude_deg);
+}
+
+template <Is<InitialConditionDraws> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("distribution", s.distribution);
+  visit("seed", s.seed);
+  visit("count", s.count);
+}
+
+template <Is<RobustTuning> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("search", s.search);
+  visit("objective", s.objective);
+}
+
+template <Is<CampaignSpec> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("display_name", s.display_name);
+  visit("labels", s.labels);
+  visit("scenario", s.scenario);
+  visit("warm_start", s.warm_start);
+  visit("draws", s.draws);
+  visit("held_out_draws", s.held_out_draws);
+  visit("tune_held_out", s.tune_held_out);
+  visit("robust", s.robust);
+}
+
+template <Is<MemberEpisode> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("choice", s.choice);
+  visit("gains", s.gains);
+  visit("outcome", s.outcome);
+  visit("cost", s.cost);
+  visit("settling_samples", s.settling_samples);
+  visit("fuel_sum", s.fuel_sum);
+  visit("delta_v_to_settling_m_s", s.delta_v_to_settling_m_s);
+}
+
+template <Is<ReductionStatistics> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("average", s.average);
+  visit("minimum", s.minimum);
+  visit("maximum", s.maximum);
+  visit("percentiles", s.percentiles);
+}
+
+template <Is<GainsComparison> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("choice", s.choice);
+  visit("over", s.over);
+  visit("flown", s.flown);
+  visit("settled", s.settled);
+  visit("not_settled", s.not_settled);
+  visit("without_cost", s.without_cost);
+  visit("compared", s.compared);
+  visit("cost_percent", s.cost_percent);
+  visit("settling_time_percent", s.settling_time_percent);
+  visit("fuel_sum_percent", s.fuel_sum_percent);
+  visit("delta_v_percent", s.delta_v_percent);
+}
+
+template <Is<CampaignResults> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("mean_of", s.mean_of);
+  visit("mean_gains", s.mean_gains);
+  visit("robust_gains", s.robust_gains);
+  visit("comparisons", s.comparisons);
+  visit("best_on_held_out", s.best_on_held_out);
+  visit("conclusion", s.conclusion);
+  visit("episodes", s.episodes);
+}
+
+// The forms of a variant by their names; std::monostate is null.
 template <typename V>
-void VisitForms(V&& visit) {
+void VisitForms(const IcDistribution*, V&& visit) {
+  visit("keplerian", KeplerianDistribution{});
+  visit("equinoctial", EquinoctialDistribution{});
+}
+
+template <typename V>
+void VisitForms(const Variate*, V&& visit) {
+  visit("fixed", FixedValue{});
+  visit("uniform", UniformVariate{});
+  visit("normal", NormalVariate{});
+}
+
+template <typename V>
+void VisitForms(const OrbitState*, V&& visit) {
   visit("keplerian", KeplerianState{});
   visit("equinoctial", EquinoctialState{});
   visit("cartesian", CartesianStateKm{});
@@ -279,7 +410,8 @@ Json Encode(T value) {
 }
 template <typename E>
 requires std::is_enum_v<E> Json Encode(E value) { return kNames<E>[static_cast<std::size_t>(value)]; }
-Json Encode(const OrbitState& state);
+template <typename... F>
+Json Encode(const std::variant<F...>& state);
 Json Encode(const Gains& gains);
 template <typename T>
 Json Encode(const std::vector<T>& values);
@@ -309,9 +441,10 @@ requires std::is_class_v<T> Json Encode(const T& value) {
   return std::move(encoder.object);
 }
 
-Json Encode(const OrbitState& state) {
+template <typename... F>
+Json Encode(const std::variant<F...>& state) {
   Json object;
-  VisitForms([&](const char* name, const auto& form) {
+  VisitForms(&state, [&](const char* name, const auto& form) {
     const auto* held = std::get_if<std::remove_cvref_t<decltype(form)>>(&state);
     if (held != nullptr) object[name] = Encode(*held);
   });
@@ -408,14 +541,17 @@ class Decoder {
     if (!json.is_null()) Read(json, path, value.emplace());
   }
 
-  void Read(const Json& json, const std::string& path, OrbitState& state) {
-    if (json.is_null()) {
-      state = std::monostate();
-      return;
+  template <typename... F>
+  void Read(const Json& json, const std::string& path, std::variant<F...>& state) {
+    if constexpr ((std::same_as<F, std::monostate> || ...)) {
+      if (json.is_null()) {
+        state = std::monostate();
+        return;
+      }
     }
-    if (!Expect(json.is_object() && json.size() == 1, path, "is not one form of an orbit")) return;
+    if (!Expect(json.is_object() && json.size() == 1, path, "is not one form of what it stands for")) return;
     bool known = false;
-    VisitForms([&](const char* name, auto form) {
+    VisitForms(&state, [&](const char* name, auto form) {
       if (!json.contains(name)) return;
       known = true;
       Read(json[name], absl::StrCat(path, ".", name), form);
@@ -522,6 +658,49 @@ absl::Status ReadGainSetDocument(std::string_view text, GainSet& set) {
   absl::StatusOr<GainSet> read = FromJson<GainSet>(text, "gain set");
   if (read.ok()) set = *std::move(read);
   return read.status();
+}
+
+std::string_view NameOf(CampaignState state) { return kNames<CampaignState>[static_cast<std::size_t>(state)]; }
+
+absl::StatusOr<CampaignState> CampaignStateOf(std::string_view name) {
+  const auto& names = kNames<CampaignState>;
+  const auto found = std::ranges::find(names, name);
+  if (found != names.end()) return static_cast<CampaignState>(found - names.begin());
+  return absl::DataLossError(absl::StrCat(FormatReceived(name), " is not the name of a campaign's state"));
+}
+
+absl::StatusOr<std::string> ToJson(const CampaignSpec& spec) {
+  try {
+    return Encode(spec).dump();
+  } catch (const Json::exception& e) {
+    return absl::InvalidArgumentError(absl::StrCat("the campaign has a text that is not UTF-8: ", e.what()));
+  }
+}
+
+std::string ToJson(const CampaignResults& results) {
+  return Encode(results).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+std::string ToJson(const std::vector<MemberEpisode>& episodes) { return Encode(episodes).dump(); }
+
+std::string ToJson(const OrbitState& state) { return Encode(state).dump(); }
+
+std::string ToJson(const InitialConditionDraws& draws) { return Encode(draws).dump(); }
+
+absl::StatusOr<CampaignSpec> CampaignSpecFromJson(std::string_view text) {
+  return FromJson<CampaignSpec>(text, "spec");
+}
+
+absl::StatusOr<CampaignResults> CampaignResultsFromJson(std::string_view text) {
+  return FromJson<CampaignResults>(text, "results");
+}
+
+absl::StatusOr<std::vector<MemberEpisode>> MemberEpisodesFromJson(std::string_view text) {
+  return FromJson<std::vector<MemberEpisode>>(text, "episodes");
+}
+
+absl::StatusOr<OrbitState> OrbitStateFromJson(std::string_view text) {
+  return FromJson<OrbitState>(text, "initial_condition");
 }
 
 }  // namespace orbitune

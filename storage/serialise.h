@@ -5,6 +5,7 @@
 #include <string>
 #include <string_view>
 
+#include "storage/campaign.h"
 #include "storage/job.h"
 
 namespace orbitune {
@@ -34,5 +35,18 @@ absl::StatusOr<Scenario> ScenarioFromJson(std::string_view text);
 // Of a gain set what the columns of its table do not hold.
 std::string GainSetDocument(const GainSet& set);
 absl::Status ReadGainSetDocument(std::string_view text, GainSet& set);
+
+// Likewise of campaigns.
+std::string_view NameOf(CampaignState state);
+absl::StatusOr<CampaignState> CampaignStateOf(std::string_view name);
+absl::StatusOr<std::string> ToJson(const CampaignSpec& spec);
+std::string ToJson(const CampaignResults& results);
+std::string ToJson(const std::vector<MemberEpisode>& episodes);
+std::string ToJson(const OrbitState& state);
+std::string ToJson(const InitialConditionDraws& draws);
+absl::StatusOr<CampaignSpec> CampaignSpecFromJson(std::string_view text);
+absl::StatusOr<CampaignResults> CampaignResultsFromJson(std::string_view text);
+absl::StatusOr<std::vector<MemberEpisode>> MemberEpisodesFromJson(std::string_view text);
+absl::StatusOr<OrbitState> OrbitStateFromJson(std::string_view text);
 
 }  // namespace orbitune

@@ -88,9 +88,9 @@ absl::StatusOr<JobRecord> JobTables::CreateJob(const NewJob& job) {
 absl::Status JobTables::InsertJob(const NewJob& job) {
   absl::Status status = connection_.Run(
       "INSERT INTO jobs (id, state, scenario_id, create_time_us, update_time_us, last_seq, state_changes, iterations, "
-      "request_id, request_digest, error_message) VALUES (?, ?, ?, ?, ?, 1, 1, 0, ?, ?, '')",
+      "request_id, request_digest, campaign, error_message) VALUES (?, ?, ?, ?, ?, 1, 1, 0, ?, ?, ?, '')",
       job.id, NameOf(JobState::kQueued), job.spec.scenario.id, job.time_us, job.time_us, NullIfEmpty(job.request_id),
-      job.request_digest);
+      job.request_digest, NullIfEmpty(job.spec.campaign_id));
   if (!status.ok()) return status;
   const std::int64_t key = connection_.last_insert_key();
   status = connection_.Run("INSERT INTO job_documents (job, spec) VALUES (?, ?)", key, job.spec_json);

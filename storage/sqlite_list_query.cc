@@ -51,6 +51,11 @@ std::vector<std::string> NamesOf(const std::vector<JobState>& states) {
 
 Conditions FilterConditions(const JobFilter& filter) {
   Conditions where;
+  if (filter.campaign_id.empty()) {
+    where.Add("campaign IS NULL");
+  } else {
+    where.Add("campaign = ?", {filter.campaign_id});
+  }
   where.AddSet("state", "IN", NamesOf(filter.states));
   where.AddSet("state", "NOT IN", NamesOf(filter.not_states));
   where.AddSet("scenario_id", "IN", filter.scenario_ids);

@@ -126,7 +126,62 @@ CREATE TABLE gain_documents (
 ) STRICT;
 )sql";
 
-constexpr std::array kMigrations{kVersion1, kVersion2, kVersion3};
+// The indexes on jobs are made anew because lists leave the jobs of campaigns out.
+constexpr std::string_view kVersion4 = R"sql(
+ALTER TABLE jobs ADD COLUMN campaign TEXT;  -- campaigns.id, where the job is part of one
+DROP INDEX jobs_by_create_time;
+DROP INDEX jobs_by_best_cost;
+CREATE INDEX jobs_by_create_time ON jobs (campaign, create_time_us, id);
+CREATE INDEX jobs_by_best_cost ON jobs (campaign, best_cost, id);
+
+CREATE TABLE campaigns (
+  id             TEXT PRIMARY KEY,
+  state          TEXT NOT NULL,
+  scenario_id    TEXT NOT NULL,
+  create_time_us INTEGER NOT NULL,
+  end_time_us    INTEGER,
+  update_time_us INTEGER NOT NULL,
+  last_seq       INTEGER NOT NULL,
+  state_changes  INTEGER NOT NULL,
+  error_message  TEXT NOT NULL,
+  spec           TEXT NOT NULL,  -- JSON: all inputs but the initial conditions
+  results        TEXT            -- JSON, where the campaign succeeded
+) STRICT, WITHOUT ROWID;
+CREATE INDEX campaigns_by_create_time ON campaigns (create_time_us, id);
+CREATE INDEX campaigns_by_state ON campaigns (state, create_time_us, id);
+
+CREATE TABLE campaign_members (
+  campaign          TEXT NOT NULL REFERENCES campaigns (id) ON DELETE CASCADE,
+  role              INTEGER NOT NULL,  -- 0 tuned, 1 held out, 2 robust
+  number            INTEGER NOT NULL,  -- dense from 1 in each role
+  initial_condition TEXT,              -- JSON; NULL: that of all tuned
+  job               INTEGER REFERENCES jobs (key),
+  episodes          TEXT,              -- JSON: under each choice of gains, once they were compared
+  PRIMARY KEY (campaign, role, number)
+) STRICT, WITHOUT ROWID;
+CREATE INDEX campaign_members_by_job ON campaign_members (job) WHERE job IS NOT NULL;
+
+-- The end of a member's job (then with role, number, job and the job's state), or a change of the campaign's state.
+CREATE TABLE campaign_events (
+  campaign TEXT NOT NULL REFERENCES campaigns (id) ON DELETE CASCADE,
+  seq      INTEGER NOT NULL,
+  time_us  INTEGER NOT NULL,
+  state    TEXT NOT NULL,
+  role     INTEGER,
+  number   INTEGER,
+  job      TEXT,
+  message  TEXT NOT NULL,
+  PRIMARY KEY (campaign, seq)
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE campaign_requests (
+  request_id TEXT PRIMARY KEY,
+  digest     TEXT NOT NULL,
+  campaign   TEXT NOT NULL REFERENCES campaigns (id) ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;
+)sql";
+
+constexpr std::array kMigrations{kVersion1, kVersion2, kVersion3, kVersion4};
 
 absl::StatusOr<bool> IsEmpty(Connection& connection) {
   const auto objects = connection.QueryInt("SELECT count(*) FROM sqlite_schema");

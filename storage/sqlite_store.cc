@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
+#include "storage/sqlite_campaign_store.h"
 #include "storage/sqlite_gain_tables.h"
 #include "storage/sqlite_job_queries.h"
 #include "storage/sqlite_list_query.h"
@@ -49,6 +50,7 @@ class SqliteStore final : public JobStore {
         connection_(std::move(connection)),
         readers_(connection_->path()),
         writer_(*connection_),
+        campaigns_(*connection_, writer_, readers_),
         gains_(readers_, writer_) {}
 
   void CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id, std::string request_digest,
@@ -66,6 +68,7 @@ class SqliteStore final : public JobStore {
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                    int limit) const override;
 
+  CampaignStore& campaigns() override { return campaigns_; }
   GainStore& gains() override { return gains_; }
 
   void Flush() override { writer_.Flush(); }
@@ -78,6 +81,7 @@ class SqliteStore final : public JobStore {
   const std::unique_ptr<Connection> connection_;
   mutable SqliteReaderPool readers_;
   SqliteWriter writer_;
+  SqliteCampaignStore campaigns_;
   SqliteGainStore gains_;
 };
 

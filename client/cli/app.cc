@@ -5,9 +5,11 @@
 #include <memory>
 
 #include "CLI/CLI.hpp"
+#include "client/cli/campaign_commands.h"
 #include "client/cli/commands.h"
 #include "client/cli/completion.h"
 #include "client/cli/errors.h"
+#include "client/cli/gains_commands.h"
 #include "client/cli/number.h"
 #include "client/cli/session.h"
 
@@ -25,7 +27,11 @@ Examples:
   orbitune jobs --state running --label case=1
   orbitune watch JOB                                    Ctrl-C ends the watching, not the job
   orbitune history JOB -o history.csv
+  orbitune gains query --scenario leo-rendezvous --ic new.json --refine
+  orbitune gains export JOB --format c-header -o gains.h
   orbitune simulate --job JOB --which best --csv trajectory.csv
+  orbitune campaign create --scenario leo-rendezvous --count 50 --seed 7 --held-out 50 --robust --watch
+  orbitune report campaigns/ID -o report.html           figures and tables, in one page
   eval "$(orbitune completion bash)"                    completion in this shell
 
 Initial conditions (--ic): a JSON file of an OrbitState, or all keys of one of
@@ -85,10 +91,14 @@ void AddLabels(CLI::App& app, std::vector<std::string>& target, const std::strin
   app.add_option("--label", target, help)->type_name("KEY=VALUE")->allow_extra_args(false)->take_all();
 }
 
-void AddFlight(CLI::App& app, FlightOptions& flight) {
+void AddScenario(CLI::App& app, FlightOptions& flight) {
   CLI::Option* const name = AddText(app, "--scenario", flight.scenario, "A built-in scenario", "SCENARIO");
   CLI::Option* const file = AddText(app, "--scenario-file", flight.scenario_file, "A Scenario in JSON", "FILE");
   name->excludes(file);
+}
+
+void AddFlight(CLI::App& app, FlightOptions& flight) {
+  AddScenario(app, flight);
   AddText(app, "--ic", flight.initial_condition,
           "The chaser's orbit instead of the scenario's: FILE.json or KEY=VALUE,... (see orbitune --help)", "FILE");
 }
@@ -104,9 +114,10 @@ void AddScenarios(CLI::App& program, Run& run) {
   AddText(*app, "NAME", options->name, "Show this one; with --json as a file for --scenario-file", "SCENARIO");
 }
 
-void AddSubmit(CLI::App& program, Run& run) {
-  const auto [app, options] = AddCommand(program, run, "submit", "Create a tuning job", RunSubmit);
-  AddFlight(*app, options->flight);
+// What a job and a campaign are told alike, beside what is flown.
+void AddTuning(CLI::App& program, SubmitOptions& submit) {
+  CLI::App* const app = &program;
+  SubmitOptions* const options = &submit;
   AddText(*app, "--name", options->display_name, "A title", "TEXT");
   AddLabels(*app, options->labels, "A label; may be repeated");
   AddNumber<std::int32_t>(*app, "--iterations", options->iterations, "M; like all below, the scenario's if not given");
@@ -119,10 +130,16 @@ void AddSubmit(CLI::App& program, Run& run) {
   AddNumber<double>(*app, "--gain-floor", options->gain_floor, "No gain simulated is smaller");
   AddNumber<std::uint64_t>(*app, "--seed", options->seed, "Of the random numbers");
   AddText(*app, "--request-id", options->request_id,
-          "The same id and the same job again give the job created before [a random UUID]", "ID");
+          "The same id and the same request again give what was created before [a random UUID]", "ID");
   CLI::Option* const validate = app->add_flag("--validate-only", options->validate_only, "Check; store nothing");
   app->add_flag("--watch", options->watch, "Then watch it")->excludes(validate);
   AddReconnect(*app, options->reconnect_s);
+}
+
+void AddSubmit(CLI::App& program, Run& run) {
+  const auto [app, options] = AddCommand(program, run, "submit", "Create a tuning job", RunSubmit);
+  AddFlight(*app, options->flight);
+  AddTuning(*app, *options);
 }
 
 void AddWatch(CLI::App& program, Run& run) {
@@ -192,8 +209,108 @@ void AddSimulate(CLI::App& program, Run& run) {
   app->add_flag("--trajectory", options->trajectory, "With --json: the trajectory, too");
 }
 
-CommandSpec Describe(const CLI::App& app) {
-  CommandSpec spec{app.get_parent() == nullptr ? "" : app.get_name(), {}};
+void AddInitialConditions(CLI::App& app, InitialConditionOptions& options) {
+  CLI::Option* const file =
+      AddText(app, "--ics", options.file, "Initial conditions to tune for: FILE.csv or FILE.json", "FILE");
+  CLI::Option* const count =
+      AddNumber<std::int32_t>(app, "--count", options.count, "How many to draw instead, from the scenario's own");
+  AddText(app, "--distribution", options.distribution, "Draw from this one instead: an IcDistribution in JSON", "FILE")
+      ->needs(count);
+  AddNumber<std::uint64_t>(app, "--ic-seed", options.seed, "Of the draws [--seed]")->needs(count);
+  file->excludes(count);
+}
+
+void AddCampaignCreate(CLI::App& campaign, Run& run) {
+  const auto [app, options] =
+      AddCommand(campaign, run, "create", "Tune for many initial conditions, and compare gains for all of them",
+                 RunCampaignCreate);
+  AddScenario(*app, options->job.flight);
+  AddInitialConditions(*app, options->initial_conditions);
+  CLI::Option* const held_out = AddNumber<std::int32_t>(
+      *app, "--held-out", options->held_out_count, "Draw so many more, to compare gains on and never to tune with");
+  CLI::Option* const held_out_file =
+      AddText(*app, "--held-out-ics", options->held_out_file, "Take these instead: FILE.csv or FILE.json", "FILE");
+  held_out->excludes(held_out_file);
+  app->add_flag("--tune-held-out", options->tune_held_out, "Tune each of these, too, as something to compare with");
+  app->add_flag("--robust", options->robust, "Also look for one K for all initial conditions, by CMA-ES");
+  AddText(*app, "--robust-objective", options->robust_objective,
+          "Of J / J(K(1)) over them: mean, worst, percentile:LEVEL or cvar:LEVEL [mean]", "OBJECTIVE");
+  AddNumber<std::int64_t>(*app, "--robust-episodes", options->robust_episodes,
+                          "How many it may fly [6000 for each initial condition]");
+  AddTuning(*app, options->job);
+}
+
+void AddCampaignExtend(CLI::App& campaign, Run& run) {
+  const auto [app, options] =
+      AddCommand(campaign, run, "extend", "Add initial conditions to a campaign that has ended", RunCampaignExtend);
+  AddText(*app, "CAMPAIGN", options->campaign, "ID or campaigns/ID", "CAMPAIGN")->required();
+  AddInitialConditions(*app, options->initial_conditions);
+  AddText(*app, "--request-id", options->request_id,
+          "The same id and the same request again extend it once [a random UUID]", "ID");
+  app->add_flag("--watch", options->watch, "Then watch it");
+  AddReconnect(*app, options->reconnect_s);
+}
+
+void AddCampaignExport(CLI::App& campaign, Run& run) {
+  const auto [app, options] = AddCommand(
+      campaign, run, "export", "Every initial condition with its gains and what they give", RunCampaignExport);
+  AddText(*app, "CAMPAIGN", options->campaign, "ID or campaigns/ID", "CAMPAIGN")->required();
+  AddText(*app, "--format", options->format, "[csv]", "csv|json")
+      ->check(CLI::IsMember({"csv", "json"}).description(""));
+  AddText(*app, "--output,-o", options->output, "Into this file, which appears whole or not at all [stdout]", "FILE");
+}
+
+void AddCampaignNames(CLI::App& campaign, Run& run) {
+  const auto [show, shown] = AddCommand(campaign, run, "show", "Show a campaign, and what it came to", RunCampaignShow);
+  AddText(*show, "CAMPAIGN", *shown, "ID or campaigns/ID", "CAMPAIGN")->required();
+  const auto [members, listed] =
+      AddCommand(campaign, run, "members", "List its initial conditions and their jobs", RunCampaignMembers);
+  AddText(*members, "CAMPAIGN", *listed, "ID or campaigns/ID", "CAMPAIGN")->required();
+  const auto [watch, watched] =
+      AddCommand(campaign, run, "watch", "Follow a campaign to its end; Ctrl-C leaves it running", RunCampaignWatch);
+  AddText(*watch, "CAMPAIGN", watched->campaign, "ID or campaigns/ID", "CAMPAIGN")->required();
+  AddNumber<std::int64_t>(*watch, "--from", watched->from,
+                          "Only events after this sequence number; 0: all, -1: only new ones");
+  AddReconnect(*watch, watched->reconnect_s);
+}
+
+void AddCampaignTransition(CLI::App& campaign, Run& run, const char* name, const char* help, Transition transition) {
+  CLI::App* const app = campaign.add_subcommand(name, help);
+  const auto campaigns = std::make_shared<std::vector<std::string>>();
+  app->add_option("CAMPAIGN", *campaigns, "ID or campaigns/ID")->type_name("CAMPAIGN")->required();
+  app->callback([&run, campaigns, transition] {
+    run = [campaigns, transition](Session& session) { return RunCampaignTransition(session, transition, *campaigns); };
+  });
+}
+
+void AddCampaign(CLI::App& program, Run& run) {
+  CLI::App& campaign = *program.add_subcommand("campaign", "Tune for many initial conditions");
+  campaign.require_subcommand(1);
+  AddCampaignCreate(campaign, run);
+  const auto [list, options] = AddCommand(campaign, run, "list", "List campaigns", RunCampaignList);
+  AddText(*list, "--state", options->state, "Only those in this state",
+          "running|paused|evaluating|succeeded|failed|cancelled");
+  AddNumber<std::int64_t>(*list, "--limit", options->limit, "At most so many; 0: all [0]");
+  AddCampaignNames(campaign, run);
+  AddCampaignTransition(campaign, run, "pause", "Halt campaigns with all their jobs", Transition::kPause);
+  AddCampaignTransition(campaign, run, "resume", "Let paused campaigns go on", Transition::kResume);
+  AddCampaignTransition(campaign, run, "cancel", "End campaigns; what was stored stays", Transition::kCancel);
+  AddCampaignTransition(campaign, run, "delete", "Delete campaigns that have ended, with all their jobs",
+                        Transition::kDelete);
+  AddCampaignExtend(campaign, run);
+  AddCampaignExport(campaign, run);
+}
+
+void AddReport(CLI::App& program, Run& run) {
+  const auto [app, options] =
+      AddCommand(program, run, "report", "Figures and tables of a job or a campaign, in one page that needs no network",
+                 RunReport);
+  AddText(*app, "NAME", options->name, "jobs/ID or campaigns/ID", "NAME")->required();
+  AddText(*app, "--output,-o", options->output, "The HTML file, which appears whole or not at all; - is stdout", "FILE")
+      ->required();
+}
+
+void DescribeOptions(const CLI::App& app, CommandSpec& spec) {
   for (const CLI::Option* const option : app.get_options()) {
     OptionSpec described;
     for (const std::string& name : option->get_snames()) described.flags.push_back("-" + name);
@@ -201,6 +318,74 @@ CommandSpec Describe(const CLI::App& app) {
     if (option->get_items_expected_max() > 0) described.value = option->get_type_name();
     spec.options.push_back(described);
   }
+}
+
+// A group of commands, as `campaign`, is described as one: its first word is one of theirs, and its options all of
+// theirs.
+void AddGainsQuery(CLI::App& gains, Run& run) {
+  const auto [app, options] = AddCommand(
+      gains, run, "query", "Which gains for this initial condition? Flies candidates from the library", RunGainsQuery);
+  AddFlight(*app, options->flight);
+  AddNumber<std::int32_t>(*app, "--max-candidates", options->max_candidates, "To fly [64]");
+  AddNumber<std::int32_t>(*app, "--max-answers", options->max_answers, "[5]");
+  app->add_flag("--refine{100}", options->refine_ms,
+                "Then search on from the best for so many milliseconds: =MS [100]");
+}
+
+void AddGainsSelection(CLI::App& app, GainsListOptions& options) {
+  AddText(app, "--filter", options.filter,
+          "Comparisons joined by AND: kind = TUNED, scenario = \"gto-geo\", job = JOB, campaign = CAMPAIGN",
+          "EXPRESSION");
+  AddText(app, "--scenario", options.scenario, "Only of this scenario", "SCENARIO");
+  AddText(app, "--kind", options.kind, "Only of this kind", "tuned|robust|mean|imported");
+  AddNumber<std::int64_t>(app, "--limit", options.limit, "At most so many, the newest; 0: all [0]");
+}
+
+void AddGainsExport(CLI::App& gains, Run& run) {
+  const auto [app, options] =
+      AddCommand(gains, run, "export", "Gain sets as CSV or JSON, or one as a C header", RunGainsExport);
+  AddText(*app, "NAME", options->which.name, "This one: ID or gainSets/ID (a job's gain set has the job's ID)",
+          "GAINS");
+  AddGainsSelection(*app, options->which);
+  AddText(*app, "--format", options->format, "[csv]", "csv|json|c-header")
+      ->check(CLI::IsMember({"csv", "json", "c-header"}).description(""));
+  AddText(*app, "--output,-o", options->output, "Into this file, which appears whole or not at all [stdout]", "FILE");
+}
+
+void AddGainsImport(CLI::App& gains, Run& run) {
+  const auto [app, options] =
+      AddCommand(gains, run, "import", "Store gain sets from a file, all or none, each flown first", RunGainsImport);
+  AddText(*app, "FILE", options->file, "What `gains export` wrote: FILE.csv or FILE.json", "FILE")->required();
+  AddText(*app, "--scenario-file", options->scenario_file, "The Scenario in JSON of those without a definition",
+          "FILE");
+  app->add_flag("--validate-only", options->validate_only, "Check and fly; store nothing");
+}
+
+void AddGains(CLI::App& program, Run& run) {
+  CLI::App& gains = *program.add_subcommand("gains", "The gain library: gains tuned before, for a new start");
+  gains.require_subcommand(1);
+  AddGainsQuery(gains, run);
+  const auto [list, options] = AddCommand(gains, run, "list", "List gain sets", RunGainsList);
+  AddGainsSelection(*list, *options);
+  const auto [show, shown] = AddCommand(gains, run, "show", "Show a gain set", RunGainsShow);
+  AddText(*show, "NAME", *shown, "ID or gainSets/ID", "GAINS")->required();
+  AddGainsExport(gains, run);
+  AddGainsImport(gains, run);
+  const auto [remove, names] = AddCommand(gains, run, "delete", "Delete gain sets", RunGainsDelete);
+  remove->add_option("NAME", *names, "ID or gainSets/ID")->type_name("GAINS")->required();
+}
+
+CommandSpec Describe(const CLI::App& app) {
+  const bool program = app.get_parent() == nullptr;
+  CommandSpec spec{program ? "" : app.get_name(), {}};
+  DescribeOptions(app, spec);
+  if (program) return spec;
+  OptionSpec verbs;
+  for (const CLI::App* const command : app.get_subcommands({})) {
+    verbs.value += (verbs.value.empty() ? "" : "|") + command->get_name();
+    DescribeOptions(*command, spec);
+  }
+  if (!verbs.value.empty()) spec.options.insert(spec.options.begin(), verbs);
   return spec;
 }
 
@@ -254,6 +439,9 @@ int RunCli(const std::vector<std::string>& arguments, const Terminal& terminal) 
   AddHistory(program, run);
   AddTransitions(program, run);
   AddSimulate(program, run);
+  AddCampaign(program, run);
+  AddGains(program, run);
+  AddReport(program, run);
   AddCompletion(program, run, shell);
   // Now that the commands are there, which would inherit them.
   program.set_help_all_flag("--help-all", "The help of every command");

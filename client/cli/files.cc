@@ -12,7 +12,7 @@
 
 namespace orbitune::cli {
 
-absl::Status ReadJsonFile(const std::string& path, google::protobuf::Message* message) {
+absl::StatusOr<std::string> ReadTextFile(const std::string& path) {
   errno = 0;
   std::ifstream file(path, std::ios::binary);
   std::ostringstream text;
@@ -21,12 +21,19 @@ absl::Status ReadJsonFile(const std::string& path, google::protobuf::Message* me
     const char* const reason = errno != 0 ? std::strerror(errno) : "it is empty";
     return absl::InvalidArgumentError(absl::StrCat("cannot read ", path, ": ", reason));
   }
-  const auto status = google::protobuf::util::JsonStringToMessage(text.str(), message);
-  if (!status.ok()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, " is not a ", message->GetDescriptor()->name(), " in JSON: ", status.message().ToString()));
-  }
-  return absl::OkStatus();
+  return text.str();
+}
+
+absl::Status ParseJson(const std::string& text, const std::string& name, google::protobuf::Message* message) {
+  const auto status = google::protobuf::util::JsonStringToMessage(text, message);
+  if (status.ok()) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrCat(name, " is not a ", message->GetDescriptor()->name(), " in JSON: ", status.message().ToString()));
+}
+
+absl::Status ReadJsonFile(const std::string& path, google::protobuf::Message* message) {
+  const absl::StatusOr<std::string> text = ReadTextFile(path);
+  return text.ok() ? ParseJson(*text, path, message) : text.status();
 }
 
 OutputFile::OutputFile(const std::string& path) : path_(path), written_path_(path) {

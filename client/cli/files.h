@@ -7,11 +7,17 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "google/protobuf/message.h"
 
 namespace orbitune::cli {
 
-// Reads a message in proto3 JSON. Unknown fields are errors.
+absl::StatusOr<std::string> ReadTextFile(const std::string& path);
+
+// A message in proto3 JSON; unknown fields are errors. name: of the text, for errors.
+absl::Status ParseJson(const std::string& text, const std::string& name, google::protobuf::Message* message);
+
+// Both in one.
 absl::Status ReadJsonFile(const std::string& path, google::protobuf::Message* message);
 
 // A file that appears whole or not at all: written under another name beside it, and renamed by Commit().

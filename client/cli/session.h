@@ -11,6 +11,8 @@
 #include "client/cli/app.h"
 #include "grpcpp/client_context.h"
 #include "grpcpp/support/status.h"
+#include "orbitune/v1/campaign.grpc.pb.h"
+#include "orbitune/v1/gains.grpc.pb.h"
 #include "orbitune/v1/scenario.grpc.pb.h"
 #include "orbitune/v1/simulation.grpc.pb.h"
 #include "orbitune/v1/tuning.grpc.pb.h"
@@ -41,6 +43,10 @@ class Session {
 
   v1::TuningService::Stub& tuning() const { return *std::get<std::unique_ptr<v1::TuningService::Stub>>(stubs_); }
 
+  v1::CampaignService::Stub& campaigns() const {
+    return *std::get<std::unique_ptr<v1::CampaignService::Stub>, std::unique_ptr<v1::GainService::Stub>>(stubs_);
+  }
+
   // Prints the error; returns its exit code.
   int Fail(const grpc::Status& status) const;
   int Fail(const absl::Status& status) const;
@@ -51,7 +57,7 @@ class Session {
   const Globals globals_;
   const Terminal& terminal_;
   std::tuple<std::unique_ptr<v1::TuningService::Stub>, std::unique_ptr<v1::ScenarioService::Stub>,
-             std::unique_ptr<v1::SimulationService::Stub>>
+             std::unique_ptr<v1::SimulationService::Stub>, std::unique_ptr<v1::CampaignService::Stub>>
       stubs_;
 };
 

@@ -1,23 +1,13 @@
 #include "client/cli/watch_stream.h"
 
-#include <algorithm>
 #include <memory>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/cli/errors.h"
 #include "client/cli/format.h"
 
 namespace orbitune::cli {
 namespace {
-
-constexpr double kFirstBackoff_s = 0.2;
-constexpr double kLastBackoff_s = 2;
-
-// A stream that ends OK before its job does is as good as lost; a server that shuts down hard may say CANCELLED.
-bool IsTransportLoss(grpc::StatusCode code) {
-  return code == grpc::StatusCode::OK || code == grpc::StatusCode::UNAVAILABLE || code == grpc::StatusCode::CANCELLED;
-}
 
 void ApplyStateChange(const v1::StateChange& change, v1::Job* job) {
   job->set_state(change.state());
@@ -53,14 +43,15 @@ WatchStream::WatchStream(const Session& session, Options options, Interrupt& int
       options_(std::move(options)),
       interrupt_(interrupt),
       sink_(sink),
-      last_seq_(options_.resume_after_seq) {}
+      last_seq_(options_.resume_after_seq),
+      reconnect_(options_.reconnect_s, interrupt, [&sink](const std::string& note) { sink.OnNote(note); }) {}
 
 grpc::Status WatchStream::Run() {
   while (true) {
     grpc::Status status = ReadOnce();
     if (end_seen_ || (status.ok() && Ended(job_.state()))) return grpc::Status::OK;
     if (interrupt_.requested()) return {grpc::StatusCode::CANCELLED, "interrupted"};
-    if (!IsTransportLoss(status.error_code()) || !AwaitReconnect(status)) {
+    if (!IsTransportLoss(status.error_code()) || snapshot_seq_ < 0 || !reconnect_.Await(status)) {
       if (interrupt_.requested()) return {grpc::StatusCode::CANCELLED, "interrupted"};
       if (!status.ok()) return status;
       return {grpc::StatusCode::UNAVAILABLE, "the stream ended before the job did"};
@@ -85,8 +76,7 @@ grpc::Status WatchStream::ReadOnce() {
 }
 
 void WatchStream::OnMessage(const v1::WatchJobResponse& message) {
-  if (attempts_ > 0) sink_.OnNote("connected again");
-  attempts_ = 0;
+  reconnect_.Connected();
   if (message.has_snapshot()) {
     OnSnapshot(message);
     return;
@@ -115,21 +105,6 @@ void WatchStream::NotePause() {
   if (job_.state() != v1::JOB_STATE_PAUSED) return;
   sink_.OnNote(absl::StrCat(options_.job, " is paused; waiting (`orbitune", session_.ServerFlag(), " resume ",
                             options_.job, "` lets it go on)"));
-}
-
-bool WatchStream::AwaitReconnect(const grpc::Status& loss) {
-  if (options_.reconnect_s <= 0 || snapshot_seq_ < 0) return false;
-  if (attempts_ == 0) {
-    lost_at_ = Clock::now();
-    sink_.OnNote(absl::StrCat("connection lost (", loss.ok() ? "the stream ended" : CodeName(loss.error_code()),
-                              loss.error_message().empty() ? "" : ": ", loss.error_message(),
-                              "); reconnecting for up to ", HumanDuration(options_.reconnect_s)));
-  }
-  const double left_s = options_.reconnect_s - std::chrono::duration<double>(Clock::now() - lost_at_).count();
-  if (left_s <= 0) return false;
-  const double backoff_s = std::min(kLastBackoff_s, kFirstBackoff_s * (1 << std::min(attempts_, 8)));
-  ++attempts_;
-  return !interrupt_.WaitFor(std::min(backoff_s, left_s));
 }
 
 }  // namespace orbitune::cli

@@ -1,11 +1,11 @@
 // A job's events in order, each once, over as many connections as it takes.
 #pragma once
 
-#include <chrono>
 #include <cstdint>
 #include <string>
 
 #include "client/cli/interrupt.h"
+#include "client/cli/reconnect.h"
 #include "client/cli/session.h"
 #include "client/cli/watch_sinks.h"
 #include "grpcpp/support/status.h"
@@ -36,14 +36,10 @@ class WatchStream {
   std::int64_t last_seq() const { return last_seq_; }
 
  private:
-  using Clock = std::chrono::steady_clock;
-
   grpc::Status ReadOnce();
   void OnMessage(const v1::WatchJobResponse& message);
   void OnSnapshot(const v1::WatchJobResponse& message);
   void NotePause();
-  // Whether to go on after this loss; waits a little before it says yes.
-  bool AwaitReconnect(const grpc::Status& loss);
 
   const Session& session_;
   const Options options_;
@@ -53,9 +49,7 @@ class WatchStream {
   std::int64_t last_seq_;
   std::int64_t snapshot_seq_ = -1;
   bool end_seen_ = false;  // the event that ends the job
-  // The present outage, if attempts_ > 0.
-  int attempts_ = 0;
-  Clock::time_point lost_at_;
+  Reconnect reconnect_;
 };
 
 // Brings `job` up to date with an event.

@@ -17,7 +17,7 @@ constexpr double kSmallestAxis = 1e-4;
 constexpr double kSmallestSpread = 1e-7;
 // Between the axes of C; beyond, rounding decides.
 constexpr double kLargestCondition = 1e14;
-constexpr double kLargestSigma = 1e3;
+constexpr double kLargestSigma = 10;
 
 // The tutorial's Table 1 for lambda candidates.
 struct Constants {
@@ -107,9 +107,8 @@ void CmaEs::Propose(std::vector<Gains>& batch) {
                         .b = static_cast<std::uint32_t>(k)};
     LogGains z;
     for (int i = 0; i < kGainCount; ++i) z[i] = StandardNormal(key, static_cast<std::uint32_t>(i));
-    const LogGains x = mean_ + sigma_ * (axes_ * lengths_.cwiseProduct(z));
-    batch.push_back(FromLog(options(), x));
-    samples_.push_back(ToLog(batch.back()));  // a sample beyond a bound counts as the one on it
+    samples_.push_back(mean_ + sigma_ * (axes_ * lengths_.cwiseProduct(z)));
+    batch.push_back(FromReflectedLog(options(), samples_.back()));
   }
 }
 

@@ -46,7 +46,7 @@ class CmaEs final : public Optimiser {
   // Of the present batch, from the state.
   Matrix axes_;                    // B
   LogGains lengths_;               // D
-  std::vector<LogGains> samples_;  // x_k = ln K, within the bounds
+  std::vector<LogGains> samples_;  // x_k = ln K, not yet reflected by the bounds
 };
 
 }  // namespace orbitune

@@ -16,4 +16,14 @@ Gains FromLog(const SearchOptions& options, const LogGains& x) {
   return WithinBounds(options, k);
 }
 
+Gains FromReflectedLog(const SearchOptions& options, LogGains x) {
+  const double low = std::log(options.gain_floor);
+  const double width = std::log(SearchOptions::kMaxGain) - low;
+  for (double& coordinate : x) {
+    const double beyond = std::abs(std::remainder(coordinate - low, 2 * width));  // in [0, width]
+    coordinate = low + beyond;
+  }
+  return FromLog(options, x);
+}
+
 }  // namespace orbitune

@@ -5,12 +5,14 @@
 
 namespace orbitune {
 
-Api::Api(UseCases& use_cases, GainUseCases& gains)
+Api::Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains)
     : tuning_({use_cases, executors_, messages_, feeds_}),
+      campaigns_({campaigns, executors_, feeds_}),
       gains_(gains),
       scenarios_(use_cases),
       simulation_(use_cases) {
   tuning_.AddTo(methods_);
+  campaigns_.AddTo(methods_);
   gains_.AddTo(methods_);
   scenarios_.AddTo(methods_);
   simulation_.AddTo(methods_);

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "server/api/campaigns.h"
 #include "server/api/gains.h"
 #include "server/api/scenarios.h"
 #include "server/api/simulation.h"
@@ -19,7 +20,7 @@ inline constexpr int kLargestRequestBytes = 16 << 20;
 class Api {
  public:
   // Both outlive this.
-  Api(UseCases& use_cases, GainUseCases& gains);
+  Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains);
 
   const MethodTable& methods() const { return methods_; }
 
@@ -41,6 +42,7 @@ class Api {
   Feeds feeds_;
   JobEventMessages messages_;
   TuningApi tuning_;
+  CampaignApi campaigns_;
   GainApi gains_;
   ScenarioApi scenarios_;
   SimulationApi simulation_;

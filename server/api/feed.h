@@ -9,6 +9,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -19,22 +20,27 @@ namespace orbitune {
 // A message for however many watchers, and its JSON, made once when it is first asked for. Thread-safe.
 class StreamMessage {
  public:
-  explicit StreamMessage(std::unique_ptr<const google::protobuf::Message> message) : message_(std::move(message)) {}
+  struct About {
+    std::int64_t resume_after_seq = 0;  // a stream asked for with it goes on behind this message
+    std::string_view kind;              // which event it is: "snapshot", "iteration", ... (a literal)
+    bool last = false;                  // nothing will follow it
+  };
 
+  StreamMessage(About about, std::unique_ptr<const google::protobuf::Message> message)
+      : about_(about), message_(std::move(message)) {}
+
+  const About& about() const { return about_; }
   const google::protobuf::Message& message() const { return *message_; }
   const std::string& json() const;  // one line, without its end
 
  private:
+  const About about_;
   const std::unique_ptr<const google::protobuf::Message> message_;
   mutable std::once_flag once_;
   mutable std::string json_;
 };
 
-struct FeedItem {
-  std::int64_t resume_after_seq = 0;  // a stream asked for with it goes on behind this message
-  std::string_view kind;              // the message's event: "snapshot", "iteration", ... (static)
-  std::shared_ptr<const StreamMessage> message;
-};
+using FeedItem = std::shared_ptr<const StreamMessage>;
 
 // Thread-safe. Held by its transport; ends with it.
 class Feed : public std::enable_shared_from_this<Feed> {

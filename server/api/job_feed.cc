@@ -11,14 +11,30 @@
 namespace orbitune {
 namespace {
 
-constexpr int kPage = 256;  // events taken at a time
+constexpr std::size_t kPage = 256;  // events taken at a time
 
 bool EndsJob(const JobEvent& event) {
   const auto* change = std::get_if<StateChange>(&event.what);
   return change != nullptr && IsTerminal(change->state);
 }
 
-bool IsIteration(const JobEvent& event) { return std::holds_alternative<IterationRecord>(event.what); }
+FeedItem ToItem(const JobEvent& event) {
+  auto message = std::make_unique<v1::WatchJobResponse>();
+  ToProto(event, message.get());
+  const char* kind = message->has_iteration() ? "iteration" : "state_change";
+  return std::make_shared<StreamMessage>(StreamMessage::About{event.seq, kind, EndsJob(event)}, std::move(message));
+}
+
+FeedItem Gap(std::int64_t first_seq, std::int64_t last_seq) {
+  auto message = std::make_unique<v1::WatchJobResponse>();
+  message->set_seq(last_seq);
+  message->mutable_gap()->set_first_seq(first_seq);
+  message->mutable_gap()->set_last_seq(last_seq);
+  return std::make_shared<StreamMessage>(StreamMessage::About{last_seq, "gap"}, std::move(message));
+}
+
+bool IsIteration(const FeedItem& item) { return item->about().kind == "iteration"; }
+bool IsGap(const FeedItem& item) { return item->about().kind == "gap"; }
 
 // At any time a feed is opening or filling (a task reads the store), idle (waiting for the hub's wake), or not asked
 // for anything; all is decided under mutex_.
@@ -40,13 +56,6 @@ class JobFeed final : public Feed {
   void End(const absl::Status& status) override { EndWith(std::unique_lock(mutex_), status); }
 
  private:
-  // What is to be sent: an event, or (none) a gap up to it.
-  struct Pending {
-    std::int64_t first_seq;
-    std::int64_t seq;
-    EventHub::Event event;
-  };
-
   void Post(void (JobFeed::*task)()) {
     context_.executors.For(Work::kRead).Post([self = std::static_pointer_cast<JobFeed>(shared_from_this()), task] {
       (*self.*task)();
@@ -73,7 +82,8 @@ class JobFeed final : public Feed {
     auto snapshot = std::make_unique<v1::WatchJobResponse>();
     snapshot->set_seq(job->last_seq);
     ToProto(*job, snapshot->mutable_snapshot());
-    snapshot_ = FeedItem{sent_seq_, "snapshot", std::make_shared<StreamMessage>(std::move(snapshot))};
+    outbox_.push_back(
+        std::make_shared<StreamMessage>(StreamMessage::About{sent_seq_, "snapshot", ended_}, std::move(snapshot)));
     opened_ = true;
     Step(std::move(lock));
   }
@@ -97,13 +107,21 @@ class JobFeed final : public Feed {
       after = sent_seq_;
       caught_up_ = true;  // unless a wake comes while the store is read
     }
-    auto events = context_.use_cases.store().ListEvents(id_, after, kPage);
+    const auto events = Read(after);
     std::unique_lock lock(mutex_);
     filling_ = false;
     if (!events.ok()) return EndWith(std::move(lock), events.status());
-    if (events->size() == static_cast<std::size_t>(kPage)) caught_up_ = false;
-    for (JobEvent& event : *events) Take(std::make_shared<const JobEvent>(std::move(event)));
+    if (events->size() == kPage) caught_up_ = false;
+    for (const FeedItem& item : *events) Take(item);
     Step(std::move(lock));
+  }
+
+  absl::StatusOr<std::vector<FeedItem>> Read(std::int64_t after_seq) const {
+    auto events = context_.use_cases.store().ListEvents(id_, after_seq, kPage);
+    if (!events.ok()) return events.status();
+    std::vector<EventHub::Event> shared;
+    for (JobEvent& event : *events) shared.push_back(std::make_shared<const JobEvent>(std::move(event)));
+    return context_.messages.Of(id_, shared);
   }
 
   // From the hub, under its lock: nothing here may wait for mutex_, under which the hub is called. Costs next to
@@ -123,33 +141,33 @@ class JobFeed final : public Feed {
   }
 
   // Under the lock. LATEST: an iteration still unsent makes room for the next one.
-  void Take(EventHub::Event event) {
-    if (ended_ || event->seq <= sent_seq_) return;
-    sent_seq_ = event->seq;
-    ended_ = EndsJob(*event);
-    if (latest_ && IsIteration(*event) && !outbox_.empty() && outbox_.back().event != nullptr &&
-        IsIteration(*outbox_.back().event)) {
-      SkipLast();
-    }
-    outbox_.push_back({event->seq, event->seq, std::move(event)});
+  void Take(const FeedItem& item) {
+    if (ended_ || item->about().resume_after_seq <= sent_seq_) return;
+    sent_seq_ = item->about().resume_after_seq;
+    ended_ = item->about().last;
+    if (latest_ && IsIteration(item) && !outbox_.empty() && IsIteration(outbox_.back())) SkipLast();
+    outbox_.push_back(item);
   }
 
   // Under the lock: turns the iteration at the back into a gap, or widens the gap before it.
   void SkipLast() {
-    const std::int64_t skipped = outbox_.back().seq;
+    const std::int64_t skipped = outbox_.back()->about().resume_after_seq;
     outbox_.pop_back();
-    if (outbox_.empty() || outbox_.back().event != nullptr) outbox_.push_back({skipped, skipped, nullptr});
-    outbox_.back().seq = skipped;
+    std::int64_t first = skipped;
+    if (!outbox_.empty() && IsGap(outbox_.back())) {
+      first = static_cast<const v1::WatchJobResponse&>(outbox_.back()->message()).gap().first_seq();
+      outbox_.pop_back();
+    }
+    outbox_.push_back(Gap(first, skipped));
   }
 
   // Answers Next, or does what has to be done before. Gives the lock back.
   void Step(std::unique_lock<std::mutex> lock) {
     if (taken_ == nullptr || (!end_ && !Ready())) return;
     Batch batch;
-    if (end_) {
-      batch.end = end_;
-    } else {
-      batch.items = Items();
+    batch.end = end_;
+    for (; !end_ && batch.items.size() < limit_ && !outbox_.empty(); outbox_.pop_front()) {
+      batch.items.push_back(std::move(outbox_.front()));
     }
     idle_ = false;
     const Taken taken = std::exchange(taken_, nullptr);
@@ -163,7 +181,7 @@ class JobFeed final : public Feed {
     do {
       // LATEST takes what is new before every write, so as to send the newest.
       if (!ended_ && (latest_ || outbox_.empty()) && !Pull()) return false;
-      if (snapshot_ || !outbox_.empty()) return true;
+      if (!outbox_.empty()) return true;
       if (ended_) {
         end_ = absl::OkStatus();
         subscription_ = {};
@@ -178,40 +196,20 @@ class JobFeed final : public Feed {
   bool Pull() {
     if (news_.exchange(false)) caught_up_ = false;
     while (!ended_) {
-      const EventHub::Recent recent = context_.use_cases.hub().After(id_, sent_seq_, kPage);
-      if (!recent.complete && !caught_up_) {
-        filling_ = true;
-        Post(&JobFeed::Fill);
-        return false;
+      std::vector<FeedItem> items = context_.messages.After(id_, sent_seq_, kPage);
+      if (items.empty()) {
+        const EventHub::Recent recent = context_.use_cases.hub().After(id_, sent_seq_, kPage);
+        if (!recent.complete && !caught_up_) {
+          filling_ = true;
+          Post(&JobFeed::Fill);
+          return false;
+        }
+        items = context_.messages.Of(id_, recent.events);
       }
-      for (const EventHub::Event& event : recent.events) Take(event);
-      if (recent.events.size() < static_cast<std::size_t>(kPage) || !latest_) break;
+      for (const FeedItem& item : items) Take(item);
+      if (items.empty() || !latest_) break;
     }
     return true;
-  }
-
-  // Under the lock: what is to be sent next, as messages.
-  std::vector<FeedItem> Items() {
-    std::vector<FeedItem> items;
-    items.reserve(std::min(limit_, outbox_.size() + 1));
-    if (snapshot_) items.push_back(*std::exchange(snapshot_, std::nullopt));
-    while (items.size() < limit_ && !outbox_.empty()) {
-      items.push_back(ToItem(outbox_.front()));
-      outbox_.pop_front();
-    }
-    return items;
-  }
-
-  FeedItem ToItem(const Pending& pending) {
-    if (pending.event != nullptr) {
-      const char* kind = IsIteration(*pending.event) ? "iteration" : "state_change";
-      return {pending.seq, kind, context_.messages.Get(id_, *pending.event)};
-    }
-    auto gap = std::make_unique<v1::WatchJobResponse>();
-    gap->set_seq(pending.seq);
-    gap->mutable_gap()->set_first_seq(pending.first_seq);
-    gap->mutable_gap()->set_last_seq(pending.seq);
-    return {pending.seq, "gap", std::make_shared<StreamMessage>(std::move(gap))};
   }
 
   void EndWith(std::unique_lock<std::mutex> lock, const absl::Status& status) {
@@ -234,8 +232,7 @@ class JobFeed final : public Feed {
   // Guarded by mutex_.
   Taken taken_;  // while Next is under way
   std::size_t limit_ = 0;
-  std::optional<FeedItem> snapshot_;  // until it is sent
-  std::deque<Pending> outbox_;
+  std::deque<FeedItem> outbox_;
   std::int64_t sent_seq_ = 0;  // the newest in the outbox, or sent
   bool latest_ = false;
   bool asked_ = false;
@@ -250,22 +247,40 @@ class JobFeed final : public Feed {
 
 }  // namespace
 
-std::shared_ptr<const StreamMessage> JobEventMessages::Get(const std::string& job_id, const JobEvent& event) {
+std::vector<FeedItem> JobEventMessages::After(const std::string& job_id, std::int64_t after_seq,
+                                              std::size_t limit) const {
+  std::vector<FeedItem> items;
   const std::lock_guard lock(mutex_);
-  auto& message = jobs_[job_id][event.seq];
-  if (message != nullptr) return message;
-  auto proto = std::make_unique<v1::WatchJobResponse>();
-  ToProto(event, proto.get());
-  auto made = message = std::make_shared<const StreamMessage>(std::move(proto));
-  kept_.emplace_back(job_id, event.seq);
-  if (kept_.size() > most_kept_) {
-    const auto& [job, seq] = kept_.front();
-    const auto oldest = jobs_.find(job);
-    oldest->second.erase(seq);
-    if (oldest->second.empty()) jobs_.erase(oldest);
-    kept_.pop_front();
+  const auto job = jobs_.find(job_id);
+  if (job == jobs_.end()) return items;
+  for (auto found = job->second.find(after_seq + 1); found != job->second.end() && items.size() < limit;
+       found = job->second.find(found->first + 1)) {
+    items.push_back(found->second);
   }
-  return made;
+  return items;
+}
+
+std::vector<FeedItem> JobEventMessages::Of(const std::string& job_id, const std::vector<EventHub::Event>& events) {
+  std::vector<FeedItem> items;
+  const std::lock_guard lock(mutex_);
+  for (const EventHub::Event& event : events) {
+    FeedItem& kept = jobs_[job_id][event->seq];
+    if (kept == nullptr) {
+      kept = ToItem(*event);
+      kept_.emplace_back(job_id, event->seq);
+    }
+    items.push_back(kept);
+    if (kept_.size() > most_kept_) ForgetOldest();
+  }
+  return items;
+}
+
+void JobEventMessages::ForgetOldest() {
+  const auto& [job_id, seq] = kept_.front();
+  const auto job = jobs_.find(job_id);
+  job->second.erase(seq);
+  if (job->second.empty()) jobs_.erase(job);
+  kept_.pop_front();
 }
 
 std::shared_ptr<Feed> NewJobFeed(const v1::WatchJobRequest& request, const JobFeedContext& context) {

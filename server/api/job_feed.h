@@ -12,19 +12,25 @@
 
 namespace orbitune {
 
-// Recent events as messages, so that each is made once for all the watchers of its job. Thread-safe.
+// Recent events as messages, so that each is read and made once for all the watchers of its job. Thread-safe.
 class JobEventMessages {
  public:
   explicit JobEventMessages(std::size_t most_kept = 8192) : most_kept_(most_kept) {}
 
-  std::shared_ptr<const StreamMessage> Get(const std::string& job_id, const JobEvent& event);
+  // What is kept of the events that follow `after_seq`, dense, at most `limit`. There may be more than these.
+  std::vector<FeedItem> After(const std::string& job_id, std::int64_t after_seq, std::size_t limit) const;
+
+  // The messages of these events, made where they are not kept.
+  std::vector<FeedItem> Of(const std::string& job_id, const std::vector<EventHub::Event>& events);
 
  private:
-  using BySeq = std::unordered_map<std::int64_t, std::shared_ptr<const StreamMessage>>;
+  using BySeq = std::unordered_map<std::int64_t, FeedItem>;
+
+  void ForgetOldest();
 
   const std::size_t most_kept_;
 
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   // Guarded by mutex_.
   std::unordered_map<std::string, BySeq> jobs_;
   std::deque<std::pair<std::string, std::int64_t>> kept_;  // oldest first

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 
 #include "absl/status/status.h"
 #include "google/protobuf/message.h"
@@ -14,5 +15,8 @@ std::string ToJson(const google::protobuf::Message& message);
 
 // Field names in either form. INVALID_ARGUMENT, saying where, for what is no such message.
 absl::Status FromJson(const std::string& json, google::protobuf::Message* message);
+
+// Text as a JSON string. text: UTF-8.
+std::string QuoteJson(std::string_view text);
 
 }  // namespace orbitune

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <thread>
 
@@ -26,6 +27,24 @@ std::string CheckAddress(const std::string& text) {
   return "must be HOST:PORT with a port in [0, 65535] (0: any free one), got \"" + text + "\"";
 }
 
+std::string CheckHttpAddress(const std::string& text) { return text == "off" ? "" : CheckAddress(text); }
+
+std::string CheckOrigin(const std::string& text) {
+  const std::size_t scheme = text.find("://");
+  const bool is_origin = (text.starts_with("http://") || text.starts_with("https://")) && text.size() > scheme + 3 &&
+                         text.find_first_of("/?# ", scheme + 3) == std::string::npos;
+  return is_origin || text == "*" ? "" : "must be SCHEME://HOST[:PORT] or *, got \"" + text + "\"";
+}
+
+// Where an installation has the dashboard, else beside the binary.
+std::string DefaultWebDir() {
+  std::error_code error;
+  const auto binary = std::filesystem::read_symlink("/proc/self/exe", error);
+  if (error) return "web";
+  const auto installed = binary.parent_path().parent_path() / "share/orbitune/web";
+  return (std::filesystem::exists(installed, error) ? installed : binary.parent_path() / "web").string();
+}
+
 // CLI11 has a file's values win over the environment's: leaves out of the file what the environment says.
 class EnvironmentFirst : public CLI::ConfigBase {
  public:
@@ -44,11 +63,48 @@ class EnvironmentFirst : public CLI::ConfigBase {
   }
 };
 
+void AddHttpOptions(CLI::App& app, ServerConfig& config) {
+  app.add_option("--web-dir", config.web_dir, "The dashboard's files; need not exist")
+      ->envname("ORBITUNE_WEB_DIR")
+      ->capture_default_str();
+  app.add_option("--http-cors-origin", config.http_cors_origins,
+                 "SCHEME://HOST[:PORT] of a page from elsewhere that may call this server; may be given again; *: all")
+      ->envname("ORBITUNE_HTTP_CORS_ORIGIN")
+      ->check(CheckOrigin);
+  app.add_option("--http-max-connections", config.http_max_connections, "HTTP connections at a time; more get 503")
+      ->envname("ORBITUNE_HTTP_MAX_CONNECTIONS")
+      ->check(CLI::Range(1, 100'000))
+      ->capture_default_str();
+  app.add_option("--http-max-header-bytes", config.http_max_header_bytes, "Largest head of an HTTP request")
+      ->envname("ORBITUNE_HTTP_MAX_HEADER_BYTES")
+      ->check(CLI::Range(1024, 1 << 20))
+      ->capture_default_str();
+  app.add_option("--http-max-body-bytes", config.http_max_body_bytes, "Largest body of an HTTP request")
+      ->envname("ORBITUNE_HTTP_MAX_BODY_BYTES")
+      ->check(CLI::Range(1024, 64 << 20))
+      ->capture_default_str();
+  const auto add_time = [&](const char* name, double& value_s, const char* environment, const char* description) {
+    app.add_option(name, value_s, description)
+        ->envname(environment)
+        ->check(CLI::Range(0.1, 86'400.0))
+        ->capture_default_str();
+  };
+  add_time("--http-header-time-s", config.http_header_time_s, "ORBITUNE_HTTP_HEADER_TIME_S",
+           "Seconds within which a request's head must have arrived");
+  add_time("--http-body-time-s", config.http_body_time_s, "ORBITUNE_HTTP_BODY_TIME_S",
+           "Seconds within which its body must have arrived");
+  add_time("--http-idle-time-s", config.http_idle_time_s, "ORBITUNE_HTTP_IDLE_TIME_S",
+           "Seconds after which a connection without a request is closed");
+  add_time("--http-stall-time-s", config.http_stall_time_s, "ORBITUNE_HTTP_STALL_TIME_S",
+           "Seconds after which a reader that takes nothing is cut off");
+}
+
 }  // namespace
 
 std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_code) {
   ServerConfig config;
   config.data_dir = DefaultDataDir();
+  config.web_dir = DefaultWebDir();
   CLI::App app(
       "orbituned: the Orbitune tuning server. Every option can also be given in the environment, or in the "
       "configuration file (TOML: listen = \"127.0.0.1:7313\").",
@@ -68,11 +124,11 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_c
       ->envname("ORBITUNE_LISTEN")
       ->check(CheckAddress)
       ->capture_default_str();
-  app.add_option("--http", config.http,
-                 "HTTP address, HOST:PORT, kept for REST and the dashboard (not in this version)")
+  app.add_option("--http", config.http, "HTTP address (REST, dashboard), HOST:PORT; port 0: any free one; off: none")
       ->envname("ORBITUNE_HTTP")
-      ->check(CheckAddress)
+      ->check(CheckHttpAddress)
       ->capture_default_str();
+  AddHttpOptions(app, config);
   app.add_option("--threads", config.threads, "Worker threads; 0: one per core. Results do not depend on it")
       ->envname("ORBITUNE_THREADS")
       ->check(CLI::Range(0, 1024))

@@ -3,13 +3,23 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace orbitune {
 
 struct ServerConfig {
   std::string data_dir;
   std::string listen = "127.0.0.1:7313";
-  std::string http = "127.0.0.1:7314";
+  std::string http = "127.0.0.1:7314";  // "off": none
+  std::string web_dir;
+  std::vector<std::string> http_cors_origins;
+  int http_max_connections = 1024;
+  int http_max_header_bytes = 16 << 10;
+  int http_max_body_bytes = 16 << 20;
+  double http_header_time_s = 10;
+  double http_body_time_s = 60;
+  double http_idle_time_s = 60;
+  double http_stall_time_s = 30;
   int threads = 0;  // 0: one per core
   int max_running_jobs = 64;
   std::string simd = "auto";

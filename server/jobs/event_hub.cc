@@ -20,6 +20,7 @@ EventHub::Subscription::~Subscription() {
 
 void EventHub::Publish(const std::string& job_id, JobEvent event) {
   auto shared = std::make_shared<const JobEvent>(std::move(event));
+  if (observer_) observer_(job_id, *shared);
   const std::lock_guard lock(mutex_);
   Channel& channel = channels_[job_id];
   channel.recent.push_back(std::move(shared));

@@ -40,6 +40,11 @@ class EventHub {
 
   explicit EventHub(std::size_t kept_per_job = 256) : kept_per_job_(kept_per_job) {}
 
+  // Called with every event published, before its watchers are woken, on the publisher's thread. Set while nothing is
+  // published. An empty one: nobody.
+  using Observer = std::function<void(const std::string& job_id, const JobEvent& event)>;
+  void SetObserver(Observer observer) { observer_ = std::move(observer); }
+
   // In the order of seq, for each job.
   void Publish(const std::string& job_id, JobEvent event);
 
@@ -64,6 +69,7 @@ class EventHub {
   void Unsubscribe(const std::string& job_id, std::uint64_t key);
 
   const std::size_t kept_per_job_;
+  Observer observer_;
 
   mutable std::mutex mutex_;
   // Guarded by mutex_.

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "core/library/gain_library.h"
+#include "storage/campaign.h"
 #include "storage/job_store.h"
 
 namespace orbitune {
@@ -10,6 +11,12 @@ namespace orbitune {
 // condition. lyapunov_decreasing: along the best K's trajectories in the report.
 GainSet MakeGainSet(const JobRecord& job, const PreparedScenario& prepared, const JobReport& report,
                     bool lyapunov_decreasing, TimeUs now);
+
+// K-hat of a campaign that has succeeded, as the members were flown under it; none where nothing was tuned. What a
+// flight tells that was not measured (effort, V along the way) is left out; so is the id.
+std::optional<GainSet> MakeMeanGainSet(const std::string& campaign_id, const CampaignSpec& spec,
+                                       const CampaignResults& results, std::span<const CampaignMember> members,
+                                       TimeUs now);
 
 void AddToLibrary(std::span<const GainSet> sets, GainLibrary& library);
 

@@ -191,11 +191,26 @@ void Scheduler::Add(const JobRecord& created) {
   work_.notify_all();
 }
 
+// mutex_ held. So that a campaign neither takes the whole ring nor ends all its jobs at the same time.
+bool Scheduler::MayBegin(const Entry& entry) const {
+  const std::string& campaign = entry.record.spec.campaign_id;
+  if (campaign.empty()) return true;
+  const int most =
+      options_.max_running_of_campaign > 0 ? options_.max_running_of_campaign : std::max(4, 2 * options_.threads);
+  const auto same = [&](const EntryPtr& e) { return e->record.spec.campaign_id == campaign; };
+  return std::ranges::count_if(ring_, same) < most;
+}
+
 // mutex_ held.
 void Scheduler::StartWaiting() {
-  while (!waiting_.empty() && ring_.size() < static_cast<std::size_t>(options_.max_running_jobs)) {
-    const EntryPtr entry = waiting_.front();
-    waiting_.pop_front();
+  for (auto next = waiting_.begin();
+       next != waiting_.end() && ring_.size() < static_cast<std::size_t>(options_.max_running_jobs);) {
+    if (!MayBegin(**next)) {
+      ++next;
+      continue;
+    }
+    const EntryPtr entry = *next;
+    next = waiting_.erase(next);
     ring_.push_back(entry);
     Begin(*entry);
   }

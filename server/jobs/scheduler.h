@@ -35,8 +35,10 @@ absl::Status WrongState(const std::string& id, JobState state, std::string_view 
 class Scheduler {
  public:
   struct Options {
-    int threads = 1;                       // > 0
-    int max_running_jobs = 64;             // the rest waits in order of creation
+    int threads = 1;            // > 0
+    int max_running_jobs = 64;  // the rest waits in order of creation
+    // Of one campaign; the rest lets others pass. 0: twice the threads, at least 4.
+    int max_running_of_campaign = 0;
     int max_uncommitted_iterations = 256;  // of one job; beyond, it waits for the disk
     GainLibrary* library = nullptr;        // that is told of every gain set, once it is stored; outlives the scheduler
   };
@@ -79,6 +81,7 @@ class Scheduler {
                        std::vector<double> checkpoint);
   void FinishReport(Entry& entry, Run& run);
   void StartWaiting();
+  bool MayBegin(const Entry& entry) const;
   void Begin(Entry& entry);
   void RemoveFromRing(const Entry& entry);
   void ChangeState(Entry& entry, StateChange change, Done done);

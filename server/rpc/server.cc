@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "grpc/health/v1/health.pb.h"
+#include "orbitune/v1/campaign.grpc.pb.h"
 #include "orbitune/v1/gains.grpc.pb.h"
 #include "orbitune/v1/scenario.grpc.pb.h"
 #include "orbitune/v1/simulation.grpc.pb.h"
@@ -45,6 +46,45 @@ class Tuning final : public ApiService<v1::TuningService> {
   Reactor* ListIterations(Context* context, const v1::ListIterationsRequest* request,
                           v1::ListIterationsResponse* out) override {
     return Call("ListIterations", context, request, out);
+  }
+};
+
+class Campaigns final : public ApiService<v1::CampaignService> {
+ public:
+  explicit Campaigns(Api& api) : ApiService(api) {}
+  Reactor* CreateCampaign(Context* context, const v1::CreateCampaignRequest* request, v1::Campaign* out) override {
+    return Call("CreateCampaign", context, request, out);
+  }
+  Reactor* GetCampaign(Context* context, const v1::GetCampaignRequest* request, v1::Campaign* out) override {
+    return Call("GetCampaign", context, request, out);
+  }
+  Reactor* ListCampaigns(Context* context, const v1::ListCampaignsRequest* request,
+                         v1::ListCampaignsResponse* out) override {
+    return Call("ListCampaigns", context, request, out);
+  }
+  Reactor* PauseCampaign(Context* context, const v1::PauseCampaignRequest* request, v1::Campaign* out) override {
+    return Call("PauseCampaign", context, request, out);
+  }
+  Reactor* ResumeCampaign(Context* context, const v1::ResumeCampaignRequest* request, v1::Campaign* out) override {
+    return Call("ResumeCampaign", context, request, out);
+  }
+  Reactor* CancelCampaign(Context* context, const v1::CancelCampaignRequest* request, v1::Campaign* out) override {
+    return Call("CancelCampaign", context, request, out);
+  }
+  Reactor* DeleteCampaign(Context* context, const v1::DeleteCampaignRequest* request,
+                          google::protobuf::Empty* out) override {
+    return Call("DeleteCampaign", context, request, out);
+  }
+  Reactor* ExtendCampaign(Context* context, const v1::ExtendCampaignRequest* request, v1::Campaign* out) override {
+    return Call("ExtendCampaign", context, request, out);
+  }
+  grpc::ServerWriteReactor<v1::WatchCampaignResponse>* WatchCampaign(Context*,
+                                                                     const v1::WatchCampaignRequest* request) override {
+    return Stream<v1::WatchCampaignResponse>("WatchCampaign", request);
+  }
+  Reactor* ListCampaignMembers(Context* context, const v1::ListCampaignMembersRequest* request,
+                               v1::ListCampaignMembersResponse* out) override {
+    return Call("ListCampaignMembers", context, request, out);
   }
 };
 
@@ -95,7 +135,7 @@ class GainsService final : public ApiService<v1::GainService> {
 class RpcServerImpl final : public RpcServer {
  public:
   RpcServerImpl(const std::string& address, Api& api)
-      : api_(api), tuning_(api), gains_(api), scenarios_(api), simulation_(api) {
+      : api_(api), tuning_(api), campaigns_(api), gains_(api), scenarios_(api), simulation_(api) {
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.
@@ -103,6 +143,7 @@ class RpcServerImpl final : public RpcServer {
     grpc::ServerBuilder builder;
     builder.AddListeningPort(address, grpc::InsecureServerCredentials(), &port_);
     builder.RegisterService(&tuning_);
+    builder.RegisterService(&campaigns_);
     builder.RegisterService(&gains_);
     builder.RegisterService(&scenarios_);
     builder.RegisterService(&simulation_);
@@ -138,6 +179,7 @@ class RpcServerImpl final : public RpcServer {
  private:
   Api& api_;
   Tuning tuning_;
+  Campaigns campaigns_;
   GainsService gains_;
   Scenarios scenarios_;
   Simulation simulation_;

@@ -38,13 +38,13 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
   void Next() {
     feed_->Next(1, [this](Feed::Batch batch) {
       if (batch.end) return this->Finish(ToGrpc(*batch.end));
-      sending_ = std::move(batch.items[0].message);
+      sending_ = std::move(batch.items[0]);
       this->StartWrite(static_cast<const Response*>(&sending_->message()));
     });
   }
 
   const std::shared_ptr<Feed> feed_;
-  std::shared_ptr<const StreamMessage> sending_;
+  FeedItem sending_;
 };
 
 // Service: the generated one, v1::TuningService.

@@ -118,6 +118,10 @@ std::string ApplyToJobs(JobFilter& filter, const std::string& field, bool negate
     (negated ? filter.not_states : filter.states).push_back(*state);
   } else if (field == "scenario") {
     (negated ? filter.not_scenario_ids : filter.scenario_ids).push_back(IdIn("scenarios/", value));
+  } else if (field == "campaign") {
+    if (negated || !filter.campaign_id.empty()) return "one comparison campaign = ID at most";
+    if (value.empty()) return "the id of a campaign";
+    filter.campaign_id = IdIn("campaigns/", value);
   } else {
     filter.labels.push_back({field.substr(kLabelPrefix.size()), value, negated});
   }
@@ -151,10 +155,10 @@ absl::Status TwiceAsked(std::string_view fields, std::string_view text) {
 
 absl::StatusOr<JobFilter> ParseFilter(std::string_view text) {
   JobFilter filter;
-  const Fields fields{.names = "state, scenario or labels.KEY",
+  const Fields fields{.names = "state, scenario, campaign or labels.KEY",
                       .known =
                           [](std::string_view field) {
-                            return field == "state" || field == "scenario" ||
+                            return field == "state" || field == "scenario" || field == "campaign" ||
                                    (field.starts_with(kLabelPrefix) && field.size() > kLabelPrefix.size());
                           },
                       .apply = std::bind_front(ApplyToJobs, std::ref(filter))};

@@ -20,9 +20,7 @@ namespace {
 constexpr std::size_t kLongestName = 256;
 constexpr std::size_t kLongestDescription = 4096;
 constexpr std::size_t kLongestId = 64;
-constexpr std::size_t kLongestRequestId = 128;
 constexpr std::size_t kMostLabels = 64;
-constexpr std::size_t kMostInitialConditions = 1000;
 constexpr std::string_view kIdCharacters = "a to z, 0 to 9, '.', '_' and '-'";
 
 bool IsIdText(std::string_view text) {
@@ -123,8 +121,8 @@ void CheckEnsemble(FieldErrors& errors, const NewJob& job) {
     errors.Add("initial_conditions", "empty where an initial_condition is given",
                absl::StrCat(job.initial_conditions.size()));
   }
-  if (job.initial_conditions.size() > kMostInitialConditions) {
-    errors.Add("initial_conditions", absl::StrCat("at most ", kMostInitialConditions),
+  if (job.initial_conditions.size() > kMostStarts) {
+    errors.Add("initial_conditions", absl::StrCat("at most ", kMostStarts),
                absl::StrCat(job.initial_conditions.size()));
   }
   for (std::size_t i = 0; i < job.initial_conditions.size(); ++i) {
@@ -226,7 +224,7 @@ bool SearchOverrides::Sets(std::string_view field) const {
   return sets;
 }
 
-absl::StatusOr<JobSpec> UseCases::ResolveWithStart(const NewJob& job) {
+absl::StatusOr<JobSpec> UseCases::ResolveJob(const NewJob& job) {
   absl::StatusOr<JobSpec> spec = Resolve(job);
   if (!spec.ok() || job.warm_start.empty()) return spec;
   FieldErrors errors;
@@ -247,7 +245,7 @@ absl::StatusOr<JobRecord> UseCases::CreateJob(const NewJob& job, const std::stri
   FieldErrors errors;
   CheckLength(errors, "request_id", request_id, kLongestRequestId);
   if (!errors.empty()) return errors.ToStatus();
-  absl::StatusOr<JobSpec> spec = ResolveWithStart(job);
+  absl::StatusOr<JobSpec> spec = ResolveJob(job);
   if (!spec.ok()) return spec.status();
   if (validate_only) return JobRecord{.spec = *std::move(spec), .create_time_us = NowUs()};
   if (absl::Status status = store_.ok_for_now(); !status.ok()) return status;
@@ -311,11 +309,23 @@ absl::StatusOr<JobRecord> UseCases::Await(Transition transition, const std::stri
   return changed.get_future().get();
 }
 
+// A campaign halts and removes its jobs together; what becomes of one of them alone is not its plan.
+absl::Status UseCases::CheckAlone(const std::string& id, std::string_view action) const {
+  const auto record = store_.GetJob(id);
+  if (!record.ok() || record->spec.campaign_id.empty()) return record.status();
+  return WithReason(
+      absl::FailedPreconditionError(
+          absl::StrCat("jobs/", id, " is part of campaigns/", record->spec.campaign_id, ": ", ToAbsl(action), " that")),
+      "CAMPAIGN_MEMBER");
+}
+
 absl::StatusOr<JobRecord> UseCases::PauseJob(const std::string& id, const std::string& etag) {
+  if (absl::Status status = CheckAlone(id, "pause"); !status.ok()) return status;
   return Await(&Scheduler::Pause, id, etag);
 }
 
 absl::StatusOr<JobRecord> UseCases::ResumeJob(const std::string& id, const std::string& etag) {
+  if (absl::Status status = CheckAlone(id, "resume"); !status.ok()) return status;
   return Await(&Scheduler::Resume, id, etag);
 }
 
@@ -324,6 +334,7 @@ absl::StatusOr<JobRecord> UseCases::CancelJob(const std::string& id, const std::
 }
 
 absl::Status UseCases::DeleteJob(const std::string& id, const std::string& etag) {
+  if (absl::Status status = CheckAlone(id, "delete"); !status.ok()) return status;
   const auto record = store_.GetJob(id);
   if (!record.ok()) return record.status();
   if (!IsTerminal(record->state)) {

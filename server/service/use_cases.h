@@ -74,10 +74,13 @@ struct EpisodeAnswer {
   std::vector<EpisodeSample> trajectory;  // every sample_stride-th
 };
 
+inline constexpr std::size_t kLongestRequestId = 128;
+inline constexpr std::size_t kMostStarts = 1000;  // of one job
+
 // The preset, or the definition, valid. INVALID_ARGUMENT.
 absl::StatusOr<Scenario> ChooseScenario(const ScenarioChoice& choice);
 
-// Random, for a new resource.
+// For a new resource: twelve letters and digits at random.
 std::string NewId();
 
 template <typename T>
@@ -95,6 +98,9 @@ class UseCases {
 
   // Where warm starts from gainSets/ID find them; to be called before any other thread calls.
   void set_gain_sets(GainSetSource gain_sets) { gain_sets_ = std::move(gain_sets); }
+
+  // The spec that CreateJob would store.
+  absl::StatusOr<JobSpec> ResolveJob(const NewJob& job);
 
   absl::StatusOr<JobRecord> CreateJob(const NewJob& job, const std::string& request_id, bool validate_only);
   absl::StatusOr<JobRecord> GetJob(const std::string& id);
@@ -118,7 +124,7 @@ class UseCases {
 
  private:
   using Transition = void (Scheduler::*)(const std::string&, const std::string&, Scheduler::Done);
-  absl::StatusOr<JobSpec> ResolveWithStart(const NewJob& job);
+  absl::Status CheckAlone(const std::string& id, std::string_view action) const;
   absl::StatusOr<JobRecord> Await(Transition transition, const std::string& id, const std::string& etag);
 
   JobStore& store_;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <condition_variable>
+#include <cstdlib>
 #include <deque>
 #include <filesystem>
 #include <mutex>
@@ -64,6 +65,7 @@ class NullStore final : public JobStore {
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string&, std::int64_t, int) const override {
     return std::vector<JobEvent>();
   }
+  CampaignStore& campaigns() override { std::abort(); }  // there are none
   void Flush() override {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return waiting_.empty() && !answering_; });
@@ -144,10 +146,12 @@ JobRow RunThroughServer(int jobs, int threads, int iterations) {
     EventHub hub;
     Scheduler scheduler(**store, hub, {.threads = threads});
     UseCases use_cases(**store, scheduler, hub);
+    CampaignEngine campaigns(**store, (*store)->campaigns(), scheduler, hub);
+    CampaignUseCases campaign_use_cases(use_cases, (*store)->campaigns(), campaigns);
     ORBITUNE_CHECK(scheduler.Start().ok());
     GainLibrary library;
     GainUseCases gains(**store, library);
-    Api api(use_cases, gains);
+    Api api(use_cases, campaign_use_cases, gains);
     auto server = RpcServer::Start("127.0.0.1:0", api);
     ORBITUNE_CHECK(server.ok());
     const auto stub =

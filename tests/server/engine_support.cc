@@ -103,6 +103,8 @@ Engine::Engine(const std::string& database, Scheduler::Options options, bool sta
       }()),
       scheduler_(*store_, hub_, WithLibrary(options, library_)),
       use_cases_(*store_, scheduler_, hub_),
+      campaign_engine_(*store_, store_->campaigns(), scheduler_, hub_, &library_),
+      campaigns_(use_cases_, store_->campaigns(), campaign_engine_),
       gains_(*store_, library_) {
   const absl::Status loaded = LoadLibrary(store_->gains(), library_);
   EXPECT_TRUE(loaded.ok()) << loaded;
@@ -110,8 +112,14 @@ Engine::Engine(const std::string& database, Scheduler::Options options, bool sta
   if (start) Start();
 }
 
+Engine::~Engine() {
+  campaign_engine_.Stop();
+  scheduler_.Stop();
+}
+
 void Engine::Start() {
-  const absl::Status status = scheduler_.Start();
+  absl::Status status = scheduler_.Start();
+  if (status.ok()) status = campaign_engine_.Start();
   EXPECT_TRUE(status.ok()) << status;
 }
 

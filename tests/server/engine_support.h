@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "server/service/campaign_use_cases.h"
 #include "server/service/gain_use_cases.h"
-#include "server/service/use_cases.h"
 #include "storage/sqlite_store.h"
 
 namespace orbitune::server_test {
@@ -48,10 +48,13 @@ class Engine {
  public:
   explicit Engine(const std::string& database, Scheduler::Options options = {.threads = 2}, bool start = true);
 
+  ~Engine();
+
   JobStore& store() { return *store_; }
   EventHub& hub() { return hub_; }
   Scheduler& scheduler() { return scheduler_; }
   UseCases& use_cases() { return use_cases_; }
+  CampaignUseCases& campaigns() { return campaigns_; }
   GainUseCases& gains() { return gains_; }
 
   // Each fails the test where the answer is an error.
@@ -72,6 +75,8 @@ class Engine {
   EventHub hub_;
   Scheduler scheduler_;
   UseCases use_cases_;
+  CampaignEngine campaign_engine_;
+  CampaignUseCases campaigns_;
   GainUseCases gains_;
 };
 

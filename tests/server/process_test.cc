@@ -15,6 +15,7 @@
 #include <sstream>
 #include <thread>
 
+#include "orbitune/v1/campaign.grpc.pb.h"
 #include "tests/server/engine_support.h"
 #include "tests/server/rpc_support.h"
 
@@ -51,6 +52,7 @@ class Process {
     for (char** variable = environ; *variable != nullptr; ++variable) {
       if (!std::string(*variable).starts_with("ORBITUNE_")) variables.emplace_back(*variable);
     }
+    variables.emplace_back("ORBITUNE_HTTP=127.0.0.1:0");  // unless `environment` says otherwise: the first counts
     posix_spawn_file_actions_t actions;
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
@@ -116,7 +118,7 @@ class Server {
     while (address_.empty() && !process_->Ended() && std::chrono::steady_clock::now() < deadline) {
       const std::vector<std::string> lines = LinesOf(process_->out());
       // The last line is there once all are.
-      if (lines.size() >= 4) address_ = lines[1].substr(std::string("grpc ").size());
+      if (lines.size() >= 5) address_ = lines[1].substr(std::string("grpc ").size());
       std::this_thread::sleep_for(std::chrono::milliseconds(2));
     }
     EXPECT_NE(address_, "") << process_->err();
@@ -302,6 +304,75 @@ TEST_F(ProcessTest, AWatcherThatResumesSeesEachEventOnce) {
   }
 }
 
+// A campaign's members with all that came of them, less the names of its jobs.
+std::string CampaignStory(v1::CampaignService::Stub& campaigns, Client& client, const std::string& name) {
+  v1::ListCampaignMembersRequest request;
+  request.set_parent(name);
+  v1::ListCampaignMembersResponse members;
+  grpc::ClientContext context;
+  EXPECT_TRUE(campaigns.ListCampaignMembers(&context, request, &members).ok());
+  std::string story;
+  for (v1::CampaignMember& member : *members.mutable_members()) {
+    if (!member.job().empty()) story += client.Iterations(member.job()).SerializeAsString();
+    member.clear_job();
+    story += member.SerializeAsString();
+  }
+  return story;
+}
+
+TEST_F(ProcessTest, KillsDoNotShowInACampaign) {
+  std::vector<std::string> stories;
+  std::vector<std::string> results;
+  for (const std::vector<int>& kills : {std::vector<int>{}, {30, 900, 2500}}) {
+    std::string name;
+    std::int64_t seen = 0;
+    for (std::size_t run = 0; run <= kills.size(); ++run) {
+      const auto server = Start(kills.empty() ? "unbroken" : "killed");
+      Client client(server->address());
+      const auto campaigns = v1::CampaignService::NewStub(client.channel());
+      if (name.empty()) {
+        v1::CreateCampaignRequest request;
+        v1::Campaign& campaign = *request.mutable_campaign();
+        *campaign.mutable_scenario_definition() = SmallDefinition(600);
+        campaign.mutable_initial_conditions()->mutable_draw()->set_count(6);
+        campaign.mutable_held_out()->mutable_draw()->set_count(3);
+        campaign.mutable_robust()->mutable_hyperparameters()->set_max_episodes(2000);
+        v1::Campaign created;
+        grpc::ClientContext context;
+        const grpc::Status status = campaigns->CreateCampaign(&context, request, &created);
+        ASSERT_TRUE(status.ok()) << status.error_message();
+        name = created.name();
+      }
+      v1::WatchCampaignRequest watch;
+      watch.set_name(name);
+      watch.set_resume_after_seq(seen);
+      grpc::ClientContext context;
+      const auto reader = campaigns->WatchCampaign(&context, watch);
+      v1::WatchCampaignResponse message;
+      bool killed = false;
+      while (reader->Read(&message)) {
+        if (message.has_snapshot()) continue;
+        if (!message.has_progress()) {
+          ASSERT_EQ(message.seq(), ++seen);
+        } else if (run < kills.size() && !killed && message.progress().tuned().completed_iterations() >= kills[run]) {
+          server->KillHard();
+          killed = true;
+        }
+      }
+      const grpc::Status status = reader->Finish();
+      if (killed) continue;
+      ASSERT_TRUE(status.ok()) << status.error_message();
+      ASSERT_EQ(message.state_change().state(), v1::CAMPAIGN_STATE_SUCCEEDED);
+      results.push_back(message.state_change().results().SerializeAsString());
+      stories.push_back(CampaignStory(*campaigns, client, name));
+      break;
+    }
+  }
+  ASSERT_EQ(stories.size(), 2u);
+  EXPECT_TRUE(stories[0] == stories[1]);
+  EXPECT_TRUE(results[0] == results[1]);
+}
+
 TEST_F(ProcessTest, ASecondServerOnTheSameDataIsRefused) {
   const auto server = Start("data");
   const Result second = RunServer({"--data-dir", File("data"), "--listen", "127.0.0.1:0"});
@@ -339,6 +410,9 @@ TEST_F(ProcessTest, WrongUsageIsExitStatus2) {
       {{"--listen", "nowhere"}, "HOST:PORT"},
       {{"--listen", "127.0.0.1:70000"}, "[0, 65535]"},
       {{"--listen", ":"}, "HOST:PORT"},
+      {{"--http", "nowhere"}, "HOST:PORT"},
+      {{"--http-cors-origin", "example.org"}, "SCHEME://HOST"},
+      {{"--http-max-connections", "0"}, "--http-max-connections"},
       {{"--config", File("none.toml")}, "none.toml"},
       {{"--data-dir"}, "--data-dir"}};
   for (const auto& [arguments, expected] : cases) {
@@ -352,9 +426,10 @@ TEST_F(ProcessTest, WrongUsageIsExitStatus2) {
 TEST_F(ProcessTest, HelpTellsAll) {
   const Result help = RunServer({"--help"});
   EXPECT_EQ(help.code, 0);
-  for (const char* part : {"--data-dir", "--listen", "--http", "--threads", "--max-running-jobs", "--config",
-                           "--version", "ORBITUNE_DATA_DIR", "ORBITUNE_LISTEN", "ORBITUNE_HTTP", "ORBITUNE_THREADS",
-                           "ORBITUNE_MAX_RUNNING_JOBS", "ORBITUNE_CONFIG", "127.0.0.1:7313", "Exit status"}) {
+  for (const char* part :
+       {"--data-dir", "--listen", "--http", "--web-dir", "--http-cors-origin", "--threads", "--max-running-jobs",
+        "--config", "--version", "ORBITUNE_DATA_DIR", "ORBITUNE_LISTEN", "ORBITUNE_HTTP", "ORBITUNE_THREADS",
+        "ORBITUNE_MAX_RUNNING_JOBS", "ORBITUNE_CONFIG", "127.0.0.1:7313", "Exit status"}) {
     EXPECT_THAT(help.out, HasSubstr(part));
   }
   EXPECT_THAT(RunServer({"--version"}).out, StartsWith("orbituned "));
@@ -394,8 +469,9 @@ TEST_F(ProcessTest, TheFirstLinesTellWhereItListens) {
   const std::vector<std::string> lines = LinesOf(server->process().out());
   EXPECT_THAT(lines[0], StartsWith("orbituned "));
   EXPECT_THAT(lines[1], MatchesRegex("grpc 127.0.0.1:[0-9]+"));
-  EXPECT_EQ(lines[2], "data " + File("data") + "/orbitune.db");
-  EXPECT_THAT(lines[3], StartsWith("threads 1"));
+  EXPECT_THAT(lines[2], MatchesRegex("http 127.0.0.1:[0-9]+"));
+  EXPECT_EQ(lines[3], "data " + File("data") + "/orbitune.db");
+  EXPECT_THAT(lines[4], StartsWith("threads 1"));
 }
 
 TEST_F(ProcessTest, TheCliTunesFromEndToEnd) {

@@ -75,6 +75,7 @@ class GatedStore final : public JobStore {
     Pass(Reads::kEvents);
     return events;
   }
+  CampaignStore& campaigns() override { return store_.campaigns(); }
   void Flush() override { store_.Flush(); }
   absl::Status ok_for_now() const override { return store_.ok_for_now(); }
 
@@ -127,7 +128,7 @@ class WatchTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   Engine engine_;
-  Api api_{engine_.use_cases(), engine_.gains()};
+  Api api_{engine_.use_cases(), engine_.campaigns(), engine_.gains()};
   std::unique_ptr<RpcServer> server_;
   std::unique_ptr<Client> client_;
 };
@@ -389,7 +390,7 @@ class SlowStoreTest : public WatchTest {
 
   GatedStore gated_{engine_.store()};
   UseCases use_cases_;
-  Api slow_api_{use_cases_};
+  Api slow_api_{use_cases_, engine_.campaigns()};
   std::unique_ptr<RpcServer> slow_server_;
   std::unique_ptr<Client> slow_client_;
 };

@@ -32,6 +32,16 @@ class JobStoreConformance : public testing::TestWithParam<MakeBackend> {
 // The gain sets' (gain_store_conformance.cc).
 class GainStoreConformance : public JobStoreConformance {};
 
+// The campaigns' (campaign_store_conformance.cc); each write waits for its answer.
+class CampaignStoreConformance : public JobStoreConformance {
+ protected:
+  CampaignStore& campaigns() { return store().campaigns(); }
+  absl::StatusOr<WrittenCampaign> Create(const NewCampaign& campaign);
+  absl::Status Append(const std::string& id, std::int64_t seq, const MemberEnded& ended);
+  absl::Status Change(const std::string& id, std::int64_t seq, const CampaignStateChange& change);
+  absl::Status Delete(const std::string& id);
+};
+
 // The listings' conformance (job_list_conformance.cc).
 class JobListConformance : public JobStoreConformance {};
 

@@ -1,0 +1,76 @@
+// Everything between an HTTP request and its reply but the socket: routes, JSON, errors, origins, the dashboard's
+// files.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "server/api/api.h"
+#include "server/rest/http.h"
+#include "server/rest/routes.h"
+#include "server/rest/static_files.h"
+
+namespace orbitune::rest {
+
+struct GatewayOptions {
+  std::string web_dir;                    // the dashboard's files
+  std::vector<std::string> cors_origins;  // "https://example.org": pages that may call this server from elsewhere
+  // Refuse Host headers that are neither localhost nor an IP address nor an allowed origin's, so that no page can make
+  // a browser take this server for its own (DNS rebinding).
+  bool local_hosts_only = false;
+};
+
+// A reply that goes on: messages of a feed, as Server-Sent Events or a line each.
+struct StreamReply {
+  std::shared_ptr<Feed> feed;
+  bool sse = false;
+  bool resumed = false;  // by Last-Event-ID: the browser has been here before
+  std::vector<std::pair<std::string, std::string>> headers;
+};
+
+// Thread-safe. Tasks hold on to it: it may be let go of while requests are answered.
+class Gateway : public std::enable_shared_from_this<Gateway> {
+ public:
+  using Reply = std::variant<HttpReply, StreamReply>;
+
+  // api: outlives all that is under way.
+  Gateway(Api& api, GatewayOptions options);
+
+  // Calls `done` once, from within or from another thread. Does not block.
+  void Handle(HttpRequest request, Cancelled cancelled, std::function<void(Reply)> done);
+
+  // What a request gets that never became one: a syntax error, a limit exceeded.
+  HttpReply Refuse(const absl::Status& status, int http_code) const;
+
+  // What /readyz answers.
+  void SetServing(bool serving) { serving_ = serving; }
+
+ private:
+  struct Exchange;
+
+  Reply Fixed(const HttpRequest& request, const Target& target) const;
+  absl::Status CheckOrigin(const HttpRequest& request) const;
+  bool IsAllowedOrigin(std::string_view origin) const;
+  void HandleRoute(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange);
+  void HandleFile(const std::shared_ptr<Exchange>& exchange);
+  HttpReply Answer(const RouteTable::Match& match, const Exchange& exchange) const;
+  Reply OpenStream(const RouteTable::Match& match, const Exchange& exchange) const;
+  HttpReply Preflight(const HttpRequest& request, const std::vector<std::string>& allowed) const;
+  void Send(const Exchange& exchange, Reply reply) const;
+
+  Api& api_;
+  const GatewayOptions options_;
+  const RouteTable routes_;
+  const StaticFiles files_;
+  const std::string openapi_;
+  std::atomic<bool> serving_ = true;
+};
+
+// One event as text/event-stream has it; json: one line.
+void AppendSse(const StreamMessage& message, std::string& out);
+
+}  // namespace orbitune::rest

@@ -1,0 +1,596 @@
+// The one translation unit that includes Boost. All that is here runs on the I/O thread, but for what is said to be
+// called from elsewhere: it leaves its result in a Slot.
+#include "server/rest/server.h"
+
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <atomic>
+#include <boost/asio/as_tuple.hpp>
+#include <boost/asio/awaitable.hpp>
+#include <boost/asio/co_spawn.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/use_awaitable.hpp>
+#include <boost/asio/write.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <cstdio>
+#include <ctime>
+#include <exception>
+#include <optional>
+#include <set>
+#include <thread>
+#include <utility>
+#include <variant>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status.h"
+#include "server/rest/error.h"
+#include "server/rest/gateway.h"
+
+namespace orbitune {
+namespace {
+
+namespace net = boost::asio;
+namespace beast = boost::beast;
+namespace http = boost::beast::http;
+using boost::system::error_code;
+using net::ip::tcp;
+using Clock = std::chrono::steady_clock;
+using rest::Gateway;
+using rest::HttpReply;
+using rest::HttpRequest;
+using rest::StreamReply;
+
+constexpr auto kAwait = net::as_tuple(net::use_awaitable);
+constexpr std::size_t kBatch = 128;             // events in one write: bounds what is held for a reader
+constexpr std::size_t kMostIgnored = 64 << 10;  // bytes that a watcher may send without being asked
+constexpr std::chrono::milliseconds kLinger{1000};
+// With many watchers each is written to less often, and more at a time.
+constexpr std::chrono::microseconds kPacePerStream{200};
+constexpr std::chrono::microseconds kSlowestPace{100'000};
+constexpr int kStreamSendBuffer = 256 << 10;  // what the system holds for a reader, likewise
+
+class Connection;
+
+// What connections share. Tasks of the API's executors hold on to it, so that they can outlive the server.
+struct Core : std::enable_shared_from_this<Core> {
+  Core(HttpOptions given, Api& served) : options(std::move(given)), api(served) {}
+
+  void Log(const std::string& line) const {
+    if (options.log) return options.log(line);
+    std::fprintf(stderr, "orbituned: http: %s\n", line.c_str());
+  }
+
+  const HttpOptions options;
+  Api& api;
+  std::shared_ptr<Gateway> gateway;
+  std::set<Connection*> connections;
+  std::size_t body_bytes = 0;  // of requests that are being received
+  int streams = 0;
+  bool draining = false;
+  bool full = false;  // connections; it was logged
+  char ignored[16 << 10];
+  net::io_context io{1};  // the last: destroys the coroutines that are left, which use the rest
+  net::steady_timer grace{io};
+};
+
+// Where another thread leaves what a coroutine waits for.
+template <typename T>
+class Slot : public std::enable_shared_from_this<Slot<T>> {
+ public:
+  explicit Slot(net::io_context& io) : signal_(io) {}
+
+  // Fills the slot, from any thread. `core` keeps the I/O context.
+  void Put(const std::shared_ptr<Core>& core, T value) {
+    net::post(core->io, [self = this->shared_from_this(), value = std::move(value)]() mutable {
+      self->value_ = std::move(value);
+      self->signal_.cancel();
+    });
+  }
+
+  // False at the deadline.
+  net::awaitable<bool> WaitUntil(Clock::time_point deadline) {
+    if (!value_) {
+      signal_.expires_at(deadline);
+      co_await signal_.async_wait(kAwait);
+    }
+    co_return value_.has_value();
+  }
+
+  T Take() { return *std::exchange(value_, std::nullopt); }
+
+ private:
+  net::steady_timer signal_;
+  std::optional<T> value_;
+};
+
+// A batch of a feed, as text.
+struct Chunk {
+  std::string text;
+  bool full = false;          // there may be more at once
+  bool nothing_more = false;  // the first message is the last
+  std::optional<absl::Status> end;
+};
+
+Chunk ToChunk(const Feed::Batch& batch, bool sse) {
+  Chunk chunk{.text = {}, .full = batch.items.size() == kBatch, .nothing_more = false, .end = batch.end};
+  if (!batch.items.empty()) chunk.nothing_more = batch.items.front()->about().last;
+  for (const FeedItem& item : batch.items) {
+    if (sse) {
+      rest::AppendSse(*item, chunk.text);
+    } else {
+      absl::StrAppend(&chunk.text, item->json(), "\n");
+    }
+  }
+  if (batch.end && !batch.end->ok()) {
+    const std::string error = rest::ErrorJson(*batch.end);
+    chunk.text = sse ? absl::StrCat("event: error\ndata: ", error, "\n\n") : error + "\n";
+  }
+  return chunk;
+}
+
+std::string HttpDate() {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  char text[32];
+  std::strftime(text, sizeof text, "%a, %d %b %Y %H:%M:%S GMT", &utc);
+  return text;
+}
+
+// For a coroutine that threw: its connection is closed with it, the others go on.
+auto Report(Core& core) {
+  return [&core](const std::exception_ptr& thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const std::exception& error) {
+      core.Log(absl::StrCat("a connection failed: ", error.what()));
+    }
+  };
+}
+
+class Connection : public std::enable_shared_from_this<Connection> {
+ public:
+  Connection(Core& core, tcp::socket socket)
+      : core_(core), stream_(std::move(socket)), buffer_(core.options.max_header_bytes + (128 << 10)) {
+    core_.connections.insert(this);
+  }
+  ~Connection() {
+    core_.body_bytes -= body_bytes_;
+    core_.connections.erase(this);
+    if (core_.draining && core_.connections.empty()) core_.grace.cancel();
+  }
+
+  static net::awaitable<void> Run(std::shared_ptr<Connection> self) {
+    bool open = true;  // g++ 12 gets a co_await in a loop's condition wrong
+    while (open) open = co_await self->Serve();
+    co_await self->Close();
+  }
+
+  // Whether no request is under way; then a drain may close it.
+  bool idle() const { return idle_; }
+  void CloseNow() {
+    error_code ignored;
+    stream_.socket().close(ignored);
+  }
+
+ private:
+  using Parser = http::request_parser<http::string_body>;
+
+  struct Stream {
+    std::shared_ptr<Feed> feed;
+    bool sse;
+    bool chunked;
+    std::shared_ptr<Slot<Chunk>> slot;
+    std::string peer;  // HOST:PORT
+  };
+
+  // One request and its reply. False if the connection is to be closed.
+  net::awaitable<bool> Serve() {
+    Parser parser;
+    parser.header_limit(static_cast<std::uint32_t>(core_.options.max_header_bytes));
+    parser.body_limit(core_.options.max_body_bytes);
+    const error_code error = co_await Read(parser);
+    if (error) {
+      co_await Refuse(error, parser.get().version());
+      co_return false;
+    }
+    HttpRequest request = ToRequest(parser);
+    const bool head = request.method == "HEAD";
+    const unsigned version = parser.get().version();
+    const bool keep_alive = parser.get().keep_alive();
+    const std::string target = request.target;
+    if (request.header("Host").find(',') != std::string_view::npos ||
+        (version >= 11 && request.header("Host").empty())) {
+      HttpReply refusal = core_.gateway->Refuse(absl::InvalidArgumentError("Host: must be given once"), 400);
+      co_return co_await Write(std::move(refusal), version, head, false);
+    }
+    Gateway::Reply reply = co_await Ask(std::move(request));
+    ReleaseBody();
+    if (auto* stream = std::get_if<StreamReply>(&reply)) {
+      co_await Watch(std::move(*stream), version, head, target);
+      co_return false;
+    }
+    co_return co_await Write(std::get<HttpReply>(std::move(reply)), version, head, keep_alive);
+  }
+
+  net::awaitable<error_code> Read(Parser& parser) {
+    if (core_.draining) co_return http::error::end_of_stream;
+    if (buffer_.size() == 0) {
+      idle_ = true;
+      stream_.expires_after(core_.options.idle_time);
+      const auto [error, count] = co_await stream_.async_read_some(buffer_.prepare(4096), kAwait);
+      idle_ = false;
+      if (error) co_return http::error::end_of_stream;
+      buffer_.commit(count);
+    }
+    stream_.expires_after(core_.options.header_time);
+    const auto [error, count] = co_await http::async_read_header(stream_, buffer_, parser, kAwait);
+    if (error) co_return error;
+    co_return co_await ReadBody(parser);
+  }
+
+  net::awaitable<error_code> ReadBody(Parser& parser) {
+    stream_.expires_after(core_.options.body_time);
+    if (!parser.is_done() && beast::iequals(parser.get()[http::field::expect], "100-continue")) {
+      static constexpr std::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
+      const auto [error, count] = co_await net::async_write(stream_, net::buffer(kContinue), kAwait);
+      if (error) co_return error;
+    }
+    while (!parser.is_done()) {
+      const auto [error, count] = co_await http::async_read_some(stream_, buffer_, parser, kAwait);
+      if (error) co_return error;
+      const std::size_t size = parser.get().body().capacity();
+      core_.body_bytes += size - body_bytes_;
+      body_bytes_ = size;
+      if (core_.body_bytes > core_.options.max_bodies_bytes)
+        co_return net::error::make_error_code(net::error::no_buffer_space);
+    }
+    if (buffer_.size() == 0) buffer_.shrink_to_fit();
+    co_return error_code();
+  }
+
+  void ReleaseBody() {
+    core_.body_bytes -= body_bytes_;
+    body_bytes_ = 0;
+  }
+
+  static HttpRequest ToRequest(Parser& parser) {
+    auto& message = parser.get();
+    HttpRequest request;
+    request.method = message.method_string();
+    request.target = message.target();
+    for (const auto& field : message) {
+      std::string& value = request.headers[std::string(field.name_string())];
+      absl::StrAppend(&value, value.empty() ? "" : ", ", std::string(field.value()));
+    }
+    request.body = std::move(message.body());
+    return request;
+  }
+
+  // Answers what is no request, where there is anybody to answer.
+  net::awaitable<void> Refuse(error_code error, unsigned version) {
+    const HttpOptions& limits = core_.options;
+    std::optional<HttpReply> reply;
+    const auto answer = [&](const absl::Status& status, int code) { reply = core_.gateway->Refuse(status, code); };
+    if (error == http::error::header_limit || error == http::error::buffer_overflow) {
+      const std::string text = absl::StrCat("the request's head: must be at most ", limits.max_header_bytes, " bytes");
+      answer(absl::InvalidArgumentError(text), 431);
+    } else if (error == http::error::body_limit) {
+      const std::string text = absl::StrCat("the body: must be at most ", limits.max_body_bytes, " bytes");
+      answer(absl::InvalidArgumentError(text), 413);
+    } else if (error == net::error::no_buffer_space) {
+      answer(absl::UnavailableError("too many large requests at once"), 503);
+    } else if (error.category() == http::make_error_code(http::error::bad_method).category() &&
+               error != http::error::end_of_stream && error != http::error::partial_message) {
+      answer(absl::InvalidArgumentError(absl::StrCat("not HTTP: ", error.message())), 400);
+    }
+    if (reply) co_await Write(*std::move(reply), std::max(version, 10U), false, false);
+  }
+
+  net::awaitable<Gateway::Reply> Ask(HttpRequest request) {
+    auto slot = std::make_shared<Slot<Gateway::Reply>>(core_.io);
+    auto gone = std::make_shared<std::atomic<bool>>(false);
+    core_.gateway->Handle(
+        std::move(request), [gone] { return gone->load(); },
+        [core = core_.shared_from_this(), slot](Gateway::Reply reply) { slot->Put(core, std::move(reply)); });
+    // Readable and nothing to read: the caller has gone.
+    stream_.socket().async_wait(tcp::socket::wait_read, [self = shared_from_this(), gone](error_code error) {
+      char byte = 0;
+      if (!error && recv(self->stream_.socket().native_handle(), &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 0) *gone = true;
+    });
+    co_await slot->WaitUntil(Clock::time_point::max());
+    error_code ignored;
+    stream_.socket().cancel(ignored);  // the wait
+    co_return slot->Take();
+  }
+
+  template <typename Body>
+  void SetHeaders(http::response<Body>& response,
+                  const std::vector<std::pair<std::string, std::string>>& headers) const {
+    response.set(http::field::date, HttpDate());
+    for (const auto& [name, value] : headers) response.insert(name, value);
+  }
+
+  // False if the connection is to be closed. The body goes out in pieces, each of which has to be taken in time.
+  net::awaitable<bool> Write(HttpReply reply, unsigned version, bool head, bool keep_alive) {
+    http::response<http::string_body> response{static_cast<http::status>(reply.code), version};
+    SetHeaders(response, reply.headers);
+    keep_alive = keep_alive && !core_.draining;
+    response.keep_alive(keep_alive);
+    const bool has_body = reply.code != 204 && reply.code != 304;
+    if (has_body) response.content_length(reply.body.size());
+    if (has_body && !head) response.body() = std::move(reply.body);
+    http::response_serializer<http::string_body> serializer{response};
+    if (head) serializer.split(true);
+    while (head ? !serializer.is_header_done() : !serializer.is_done()) {
+      stream_.expires_after(core_.options.stall_time);
+      const auto [error, count] = co_await http::async_write_some(stream_, serializer, kAwait);
+      if (error) co_return false;
+    }
+    co_return keep_alive;
+  }
+
+  // A stream's life: its first batch decides what kind of answer it is.
+  net::awaitable<void> Watch(StreamReply reply, unsigned version, bool head, std::string target) {
+    Stream stream{.feed = reply.feed,
+                  .sse = reply.sse,
+                  .chunked = version >= 11,
+                  .slot = std::make_shared<Slot<Chunk>>(core_.io),
+                  .peer = Peer()};
+    AskFeed(stream);
+    co_await stream.slot->WaitUntil(Clock::time_point::max());
+    Chunk first = stream.slot->Take();
+    if (first.end) {
+      HttpReply error = rest::ErrorReply(*first.end);
+      error.headers.insert(error.headers.end(), reply.headers.begin() + 1, reply.headers.end());
+      co_await Write(std::move(error), version, head, false);
+    } else if (reply.resumed && first.nothing_more) {
+      // A browser's EventSource takes this for the end, and nothing else.
+      HttpReply over{.code = 204, .headers = reply.headers, .body = {}};
+      co_await Write(std::move(over), version, head, false);
+    } else {
+      const bool begun = co_await WriteStreamHead(stream, reply, version);
+      if (begun && !head) co_await Follow(stream, std::move(first), std::move(target));
+    }
+    stream.feed->End(absl::CancelledError("the watcher is gone"));
+  }
+
+  net::awaitable<void> Follow(Stream& stream, Chunk first, std::string target) {
+    ++core_.streams;
+    const auto self = shared_from_this();
+    net::co_spawn(core_.io, NoticeEnd(self, stream.feed), Report(core_));
+    co_await Pump(stream, std::move(first), target);
+    --core_.streams;
+  }
+
+  // The feed may read the store and makes JSON: on a thread for that.
+  void AskFeed(const Stream& stream) {
+    core_.api.executors()
+        .For(Work::kRead)
+        .Post([core = core_.shared_from_this(), feed = stream.feed, slot = stream.slot, sse = stream.sse] {
+          feed->Next(kBatch, [core, slot, sse](const Feed::Batch& batch) { slot->Put(core, ToChunk(batch, sse)); });
+        });
+  }
+
+  net::awaitable<bool> WriteStreamHead(const Stream& stream, const StreamReply& reply, unsigned version) {
+    error_code ignored;
+    stream_.socket().set_option(net::socket_base::send_buffer_size(kStreamSendBuffer), ignored);
+    http::response<http::empty_body> response{http::status::ok, version};
+    SetHeaders(response, reply.headers);
+    response.keep_alive(false);
+    response.chunked(stream.chunked);
+    http::response_serializer<http::empty_body> serializer{response};
+    stream_.expires_after(core_.options.stall_time);
+    const auto [error, count] = co_await http::async_write_header(stream_, serializer, kAwait);
+    co_return !error;
+  }
+
+  net::awaitable<void> Pump(Stream& stream, Chunk chunk, const std::string& target) {
+    if (stream.sse) chunk.text.insert(0, "retry: 1000\n\n");
+    while (true) {
+      const Clock::time_point next = Clock::now() + Pace();
+      const bool alive = co_await WriteChunk(stream, chunk.text, target);
+      if (!alive) co_return;
+      if (chunk.end) break;
+      if (!chunk.full) co_await SleepUntil(next);
+      AskFeed(stream);
+      while (true) {
+        const bool filled = co_await stream.slot->WaitUntil(Clock::now() + core_.options.heartbeat);
+        if (filled) break;
+        const bool there = !stream.sse || co_await WriteChunk(stream, ": heartbeat\n\n", target);
+        if (!there) co_return;
+      }
+      chunk = stream.slot->Take();
+    }
+    if (!stream.chunked) co_return;
+    static constexpr std::string_view kLastChunk = "0\r\n\r\n";
+    co_await net::async_write(stream_, net::buffer(kLastChunk), kAwait);
+  }
+
+  std::chrono::microseconds Pace() const { return std::min(core_.streams * kPacePerStream, kSlowestPace); }
+
+  net::awaitable<void> SleepUntil(Clock::time_point time) {
+    net::steady_timer timer(core_.io, time);
+    co_await timer.async_wait(kAwait);
+  }
+
+  // False if the connection is to be closed.
+  net::awaitable<bool> WriteChunk(const Stream& stream, std::string_view text, const std::string& target) {
+    if (text.empty()) co_return true;
+    stream_.expires_after(core_.options.stall_time);
+    error_code error;
+    if (stream.chunked) {
+      const auto [e, count] =
+          co_await net::async_write(stream_, http::make_chunk(net::buffer(text.data(), text.size())), kAwait);
+      error = e;
+    } else {
+      const auto [e, count] = co_await net::async_write(stream_, net::buffer(text.data(), text.size()), kAwait);
+      error = e;
+    }
+    if (error == beast::error::timeout) {
+      core_.Log(absl::StrCat("cut off ", stream.peer, " at ", target, ": it did not take what it asked for within ",
+                             core_.options.stall_time.count(), " ms"));
+    }
+    co_return !error;
+  }
+
+  // Ends the feed when the watcher goes; nothing is expected from it.
+  static net::awaitable<void> NoticeEnd(std::shared_ptr<Connection> self, std::shared_ptr<Feed> feed) {
+    std::size_t ignored_bytes = 0;
+    while (ignored_bytes < kMostIgnored) {
+      const auto [error, count] =
+          co_await self->stream_.socket().async_read_some(net::buffer(self->core_.ignored), kAwait);
+      if (error) break;
+      ignored_bytes += count;
+    }
+    feed->End(absl::CancelledError("the watcher is gone"));
+    self->CloseNow();
+  }
+
+  // What was sent arrives before the connection ends, also where the other side still sends.
+  net::awaitable<void> Close() {
+    error_code error;
+    stream_.socket().shutdown(tcp::socket::shutdown_send, error);
+    stream_.expires_after(kLinger);
+    while (!error) {
+      error = std::get<0>(co_await stream_.async_read_some(net::buffer(core_.ignored), kAwait));
+    }
+    CloseNow();
+  }
+
+  std::string Peer() {
+    error_code error;
+    const tcp::endpoint endpoint = stream_.socket().remote_endpoint(error);
+    return error ? "?" : absl::StrCat(endpoint.address().to_string(), ":", endpoint.port());
+  }
+
+  Core& core_;
+  beast::tcp_stream stream_;
+  beast::flat_buffer buffer_;
+  std::size_t body_bytes_ = 0;
+  bool idle_ = false;
+};
+
+// Refuses who comes beyond the limit, if the system takes the answer at once.
+void TurnAway(Core& core, tcp::socket socket) {
+  const std::string body = rest::ErrorJson(absl::UnavailableError("too many connections")) + "\n";
+  const std::string answer = absl::StrCat(
+      "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nContent-Length: ", body.size(),
+      "\r\nRetry-After: 1\r\nConnection: close\r\n\r\n", body);
+  error_code ignored;
+  socket.non_blocking(true, ignored);
+  socket.write_some(net::buffer(answer), ignored);
+  socket.shutdown(tcp::socket::shutdown_send, ignored);
+  if (!core.full) core.Log(absl::StrCat("all ", core.options.max_connections, " connections are in use"));
+  core.full = true;
+}
+
+net::awaitable<void> Accept(Core& core, tcp::acceptor& acceptor) {
+  while (true) {
+    auto [error, socket] = co_await acceptor.async_accept(kAwait);
+    if (!acceptor.is_open()) co_return;
+    if (error) {  // no file descriptors, say
+      net::steady_timer timer(core.io, std::chrono::milliseconds(100));
+      co_await timer.async_wait(kAwait);
+    } else if (core.connections.size() >= static_cast<std::size_t>(core.options.max_connections)) {
+      TurnAway(core, std::move(socket));
+    } else {
+      core.full = false;
+      socket.set_option(tcp::no_delay(true), error);
+      const auto connection = std::make_shared<Connection>(core, std::move(socket));
+      net::co_spawn(core.io, Connection::Run(connection), Report(core));
+    }
+  }
+}
+
+class HttpServerImpl final : public HttpServer {
+ public:
+  HttpServerImpl(HttpOptions options, Api& api)
+      : core_(std::make_shared<Core>(std::move(options), api)), acceptor_(core_->io) {}
+
+  ~HttpServerImpl() override {
+    core_->io.stop();
+    if (thread_.joinable()) thread_.join();
+  }
+
+  absl::Status Listen() {
+    const std::string& address = core_->options.address;
+    const std::size_t colon = address.rfind(':');
+    std::string host = address.substr(0, colon);
+    if (host.starts_with('[') && host.ends_with(']')) host = host.substr(1, host.size() - 2);
+    error_code error;
+    tcp::resolver resolver(core_->io);
+    const auto endpoints = resolver.resolve(host, address.substr(colon + 1), tcp::resolver::passive, error);
+    if (!error) Open(*endpoints.begin(), error);
+    if (error) {
+      return absl::UnavailableError(
+          absl::StrCat("cannot listen on ", FormatReceived(address), " (HTTP): ", error.message()));
+    }
+    address_ = absl::StrCat(address.substr(0, colon), ":", acceptor_.local_endpoint().port());
+    return absl::OkStatus();
+  }
+
+  void Run() {
+    const bool is_loopback = acceptor_.local_endpoint().address().is_loopback();
+    core_->gateway = std::make_shared<Gateway>(
+        core_->api, rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback});
+    net::co_spawn(core_->io, Accept(*core_, acceptor_), Report(*core_));
+    thread_ = std::thread([this] { core_->io.run(); });
+  }
+
+  const std::string& address() const override { return address_; }
+
+  void SetServing(bool serving) override { core_->gateway->SetServing(serving); }
+
+  void Shutdown(std::chrono::milliseconds grace) override {
+    core_->gateway->SetServing(false);
+    net::post(core_->io, [this, grace] { BeginShutdown(grace); });
+    core_->api.Drain();
+    if (thread_.joinable()) thread_.join();  // once nothing is left to do
+    core_->draining = false;                 // what is left of connections has nobody to tell
+  }
+
+ private:
+  void Open(const tcp::endpoint& endpoint, error_code& error) {
+    acceptor_.open(endpoint.protocol(), error);
+    if (!error) acceptor_.set_option(tcp::acceptor::reuse_address(true), error);
+    if (!error) acceptor_.bind(endpoint, error);
+    if (!error) acceptor_.listen(net::socket_base::max_listen_connections, error);
+  }
+
+  // On the I/O thread.
+  void BeginShutdown(std::chrono::milliseconds grace) {
+    error_code ignored;
+    acceptor_.close(ignored);
+    core_->draining = true;
+    if (core_->connections.empty()) return;
+    core_->grace.expires_after(grace);
+    core_->grace.async_wait([core = core_.get()](error_code error) {
+      if (!error) core->io.stop();
+    });
+    for (Connection* connection : core_->connections) {
+      if (connection->idle()) connection->CloseNow();
+    }
+  }
+
+  const std::shared_ptr<Core> core_;
+  tcp::acceptor acceptor_;
+  std::string address_;
+  std::thread thread_;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<HttpServer>> HttpServer::Start(HttpOptions options, Api& api) {
+  auto server = std::make_unique<HttpServerImpl>(std::move(options), api);
+  if (absl::Status status = server->Listen(); !status.ok()) return status;
+  server->Run();
+  return server;
+}
+
+}  // namespace orbitune
