@@ -15,7 +15,8 @@ struct InitialConditionOptions {
 };
 
 struct CampaignCreateOptions {
-  SubmitOptions job;  // what the initial conditions' jobs have in common; its seed is the draws' too, unless that is set
+  SubmitOptions
+      job;  // what the initial conditions' jobs have in common; its seed is the draws' too, unless that is set
   InitialConditionOptions initial_conditions;
   std::string held_out_file;
   std::optional<std::int32_t> held_out_count;

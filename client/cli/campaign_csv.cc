@@ -16,7 +16,7 @@ namespace {
 using google::protobuf::FieldDescriptor;
 
 constexpr const char* kFixed[] = {"role", "number", "job", "job_state"};
-constexpr const char* kOfEpisode[] = {"outcome", "cost",        "settling_samples", "settling_time_s",
+constexpr const char* kOfEpisode[] = {"outcome",  "cost",        "settling_samples", "settling_time_s",
                                       "fuel_sum", "delta_v_m_s", "reduction_percent"};
 constexpr const char* kGains[] = {"k1", "k2", "k3", "k4", "k5"};
 

@@ -21,8 +21,7 @@ grpc::Status FetchMembers(const Session& session, const std::string& campaign, s
   request.set_page_size(kMemberPage);
   do {
     v1::ListCampaignMembersResponse response;
-    const grpc::Status status =
-        session.Call(&v1::CampaignService::Stub::ListCampaignMembers, request, &response);
+    const grpc::Status status = session.Call(&v1::CampaignService::Stub::ListCampaignMembers, request, &response);
     if (!status.ok()) return status;
     out->insert(out->end(), response.members().begin(), response.members().end());
     request.set_page_token(response.next_page_token());

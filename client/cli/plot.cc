@@ -15,14 +15,14 @@ namespace {
 constexpr double kWidth = 720;
 constexpr double kLeft = 70;
 constexpr double kRight = 14;
-constexpr double kAbove = 10;       // the plot, beside the legend
+constexpr double kAbove = 10;  // the plot, beside the legend
 constexpr double kLegendRow = 17;
 constexpr double kBottom = 46;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr int kMostDecades = 10;  // of a logarithmic axis, from its top
 
 struct Tick {
-  double at = 0;  // in [0, 1] of the axis
+  double at = 0;      // in [0, 1] of the axis
   std::string label;  // SVG
 };
 

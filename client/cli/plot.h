@@ -13,8 +13,8 @@ struct PlotPoint {
 };
 
 struct PlotSeries {
-  std::string style;  // class of the line, e.g. "before"
-  std::string title;  // in the legend; empty: not there
+  std::string style;              // class of the line, e.g. "before"
+  std::string title;              // in the legend; empty: not there
   std::vector<PlotPoint> points;  // in the order of x
 };
 
@@ -29,7 +29,7 @@ struct Plot {
   std::string x_label;  // with its unit
   std::string y_label;
   bool log_y = false;
-  std::optional<double> x_end;  // nothing is drawn beyond
+  std::optional<double> x_end;     // nothing is drawn beyond
   std::vector<PlotSeries> series;  // drawn in this order
   std::vector<PlotLevel> levels;   // horizontal lines over the whole width
   int height = 300;                // of 720

@@ -128,10 +128,9 @@ grpc::Status MakeCampaignPage(const Session& session, const std::string& name, s
     const v1::CampaignMember& member = *drawn.front();
     const v1::CampaignResults& results = data.campaign.results();
     data.flown_at = member.number();
-    std::vector<Flight> flights = {
-        {"before", "K(1)", &FindEpisode(member, v1::GAINS_CHOICE_INITIAL)->gains()},
-        {"after", "K*, its own", &FindEpisode(member, v1::GAINS_CHOICE_TUNED)->gains()},
-        {"mean", "K-hat", &results.mean_gains()}};
+    std::vector<Flight> flights = {{"before", "K(1)", &FindEpisode(member, v1::GAINS_CHOICE_INITIAL)->gains()},
+                                   {"after", "K*, its own", &FindEpisode(member, v1::GAINS_CHOICE_TUNED)->gains()},
+                                   {"mean", "K-hat", &results.mean_gains()}};
     if (results.has_robust_gains()) flights.push_back({"robust", "robust K", &results.robust_gains()});
     status = FlyAll(session, data.campaign.scenario_definition(), member.initial_condition(), flights, &data.flown);
     if (!status.ok()) return status;

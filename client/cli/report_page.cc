@@ -65,7 +65,8 @@ class Page {
   explicit Page(const std::string& title) {
     html_ = absl::StrCat(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n<meta name=\"viewport\" "
-        "content=\"width=device-width, initial-scale=1\"/>\n<meta name=\"color-scheme\" content=\"light dark\"/>\n<title>",
+        "content=\"width=device-width, initial-scale=1\"/>\n<meta name=\"color-scheme\" content=\"light "
+        "dark\"/>\n<title>",
         EscapeXml(title), "</title>\n<style>", kStyle, "</style>\n</head>\n<body>\n<h1>", EscapeXml(title), "</h1>\n");
   }
 
@@ -134,8 +135,7 @@ double EndOf(const std::vector<const std::vector<PlotPoint>*>& lines, double set
 
 Plot DistancePlot(const std::string& title, double settling_distance_km) {
   Plot plot{.title = title, .x_label = "time (h)", .y_label = "distance (km)", .log_y = true};
-  plot.levels.push_back(
-      {settling_distance_km, "limit", absl::StrCat("settled: ", Human(settling_distance_km), " km")});
+  plot.levels.push_back({settling_distance_km, "limit", absl::StrCat("settled: ", Human(settling_distance_km), " km")});
   plot.height = 340;
   return plot;
 }
@@ -178,8 +178,8 @@ void AddComparison(const v1::JobReport& report, Page& page) {
     std::vector<std::string> row = {title};
     const bool baseline = report.initial().result().has_cost();
     row.push_back(baseline ? Human(value(report.initial().result())) : "-");
-    for (const auto& [assessed, reduced] : {std::pair{&report.final(), &report.final_reduction()},
-                                            std::pair{&report.best(), &report.best_reduction()}}) {
+    for (const auto& [assessed, reduced] :
+         {std::pair{&report.final(), &report.final_reduction()}, std::pair{&report.best(), &report.best_reduction()}}) {
       const bool has = assessed->result().has_cost();
       row.push_back(has ? Human(value(assessed->result())) : "-");
       row.push_back(has && baseline ? Percent(reduction(*reduced)) : "-");
@@ -188,11 +188,13 @@ void AddComparison(const v1::JobReport& report, Page& page) {
   };
   using R = v1::EpisodeResult;
   using D = v1::Reduction;
-  add("cost J", [](const R& r) { return r.cost(); }, [](const D& d) { return d.cost_percent(); });
+  add(
+      "cost J", [](const R& r) { return r.cost(); }, [](const D& d) { return d.cost_percent(); });
   add(
       "settling time (h)", [](const R& r) { return r.settling_time_s() / 3600; },
       [](const D& d) { return d.settling_time_percent(); });
-  add("fuel sum", [](const R& r) { return r.fuel_sum(); }, [](const D& d) { return d.fuel_sum_percent(); });
+  add(
+      "fuel sum", [](const R& r) { return r.fuel_sum(); }, [](const D& d) { return d.fuel_sum_percent(); });
   add(
       "true delta-v to settling (m/s)", [](const R& r) { return r.delta_v_to_settling_m_s(); },
       [](const D& d) { return d.delta_v_percent(); });
@@ -260,14 +262,12 @@ void AddCampaignProvenance(const v1::Campaign& campaign, Page& page) {
       {"scenario", campaign.scenario()},
       {"initial conditions tuned for", SourceText(campaign.initial_conditions(), progress.tuned().members())},
       {"held out", SourceText(campaign.held_out(), progress.held_out().members())},
-      {"jobs that succeeded", absl::StrCat(progress.tuned().succeeded() + progress.held_out().succeeded() +
-                                               progress.robust().succeeded(),
-                                           " of ",
-                                           progress.tuned().jobs() + progress.held_out().jobs() +
-                                               progress.robust().jobs())},
-      {"search", absl::StrCat(v1::Algorithm_Name(campaign.hyperparameters().algorithm()).substr(10), ", seed ",
-                              campaign.hyperparameters().seed(), ", ", campaign.hyperparameters().iterations(),
-                              " iterations")}};
+      {"jobs that succeeded",
+       absl::StrCat(progress.tuned().succeeded() + progress.held_out().succeeded() + progress.robust().succeeded(),
+                    " of ", progress.tuned().jobs() + progress.held_out().jobs() + progress.robust().jobs())},
+      {"search",
+       absl::StrCat(v1::Algorithm_Name(campaign.hyperparameters().algorithm()).substr(10), ", seed ",
+                    campaign.hyperparameters().seed(), ", ", campaign.hyperparameters().iterations(), " iterations")}};
   if (campaign.has_results()) rows.push_back({"episodes flown", absl::StrCat(campaign.results().episodes())});
   rows.push_back({"created", UtcTime(campaign.create_time())});
   if (campaign.has_end_time()) rows.push_back({"ended", UtcTime(campaign.end_time())});
@@ -427,9 +427,9 @@ std::string JobPage(const JobPageData& data) {
 std::string CampaignPage(const CampaignPageData& data) {
   const v1::Campaign& campaign = data.campaign;
   Page page(TitleOf("Campaign", campaign.display_name(), campaign.scenario(), campaign.name()));
-  page.Paragraph(absl::StrCat(campaign.name(), ", ", CampaignStateText(campaign.state()), ", ",
-                              UtcTime(campaign.create_time())),
-                 "soft");
+  page.Paragraph(
+      absl::StrCat(campaign.name(), ", ", CampaignStateText(campaign.state()), ", ", UtcTime(campaign.create_time())),
+      "soft");
   if (!campaign.error_message().empty()) page.Paragraph(campaign.error_message(), "warning");
   if (campaign.has_results()) AddResults(campaign.results(), page);
   if (!data.lines.empty()) {

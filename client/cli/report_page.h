@@ -26,8 +26,8 @@ struct JobPageData {
 
 // One member's lines; thinned is as good.
 struct MemberLines {
-  std::vector<PlotPoint> before;  // km over hours, under K(1)
-  std::vector<PlotPoint> after;   // under K*
+  std::vector<PlotPoint> before;                // km over hours, under K(1)
+  std::vector<PlotPoint> after;                 // under K*
   std::array<std::vector<PlotPoint>, 5> gains;  // over iterations
 };
 

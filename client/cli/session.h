@@ -43,9 +43,7 @@ class Session {
 
   v1::TuningService::Stub& tuning() const { return *std::get<std::unique_ptr<v1::TuningService::Stub>>(stubs_); }
 
-  v1::CampaignService::Stub& campaigns() const {
-    return *std::get<std::unique_ptr<v1::CampaignService::Stub>, std::unique_ptr<v1::GainService::Stub>>(stubs_);
-  }
+  v1::CampaignService::Stub& campaigns() const { return *std::get<std::unique_ptr<v1::CampaignService::Stub>>(stubs_); }
 
   // Prints the error; returns its exit code.
   int Fail(const grpc::Status& status) const;

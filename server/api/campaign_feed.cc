@@ -64,7 +64,7 @@ class CampaignFeed final : public Feed {
     message->set_seq(campaign->last_seq);
     ToProto(*campaign, message->mutable_snapshot());
     progress_ = message->snapshot().progress().SerializeAsString();
-    Put(read_seq_, "snapshot", std::move(message));
+    Put("snapshot", std::move(message));
     news_ = true;
     return absl::OkStatus();
   }
@@ -79,10 +79,10 @@ class CampaignFeed final : public Feed {
       auto message = std::make_unique<v1::WatchCampaignResponse>();
       ToProto(event, message.get());
       read_seq_ = event.event.seq;
-      Put(read_seq_, event.member ? "member_ended" : "state_change", std::move(message));
       // One that an extension followed is no end.
       const auto* change = std::get_if<CampaignStateChange>(&event.event.what);
       ended_ = change != nullptr && IsTerminal(change->state) && read_seq_ >= snapshot_seq_;
+      Put(event.member ? "member_ended" : "state_change", std::move(message));
     }
     return events->empty() ? PutProgress(campaign) : absl::OkStatus();
   }
@@ -96,13 +96,14 @@ class CampaignFeed final : public Feed {
     std::string progress = message->progress().SerializeAsString();
     if (progress == progress_) return absl::OkStatus();
     progress_ = std::move(progress);
-    Put(read_seq_, "progress", std::move(message));
+    Put("progress", std::move(message));
     return absl::OkStatus();
   }
 
   // Under the lock.
-  void Put(std::int64_t seq, std::string_view kind, std::unique_ptr<v1::WatchCampaignResponse> message) {
-    outbox_.push_back({seq, kind, std::make_shared<StreamMessage>(std::move(message))});
+  void Put(std::string_view kind, std::unique_ptr<v1::WatchCampaignResponse> message) {
+    outbox_.push_back(
+        std::make_shared<StreamMessage>(StreamMessage::About{read_seq_, kind, ended_}, std::move(message)));
   }
 
   // From the engine, under its watchers' lock: nothing here may wait for mutex_, under which the engine is called.

@@ -191,25 +191,22 @@ void Scheduler::Add(const JobRecord& created) {
   work_.notify_all();
 }
 
-// mutex_ held. So that a campaign neither takes the whole ring nor ends all its jobs at the same time.
-bool Scheduler::MayBegin(const Entry& entry) const {
-  const std::string& campaign = entry.record.spec.campaign_id;
-  if (campaign.empty()) return true;
+// mutex_ held. Of one campaign only so many run at a time, so that it neither takes the whole ring nor ends all its
+// jobs at once; those behind them pass.
+void Scheduler::StartWaiting() {
   const int most =
       options_.max_running_of_campaign > 0 ? options_.max_running_of_campaign : std::max(4, 2 * options_.threads);
-  const auto same = [&](const EntryPtr& e) { return e->record.spec.campaign_id == campaign; };
-  return std::ranges::count_if(ring_, same) < most;
-}
-
-// mutex_ held.
-void Scheduler::StartWaiting() {
+  std::map<std::string, int> running;  // by campaign
+  for (const EntryPtr& entry : ring_) ++running[entry->record.spec.campaign_id];
   for (auto next = waiting_.begin();
        next != waiting_.end() && ring_.size() < static_cast<std::size_t>(options_.max_running_jobs);) {
-    if (!MayBegin(**next)) {
+    const EntryPtr entry = *next;
+    const std::string& campaign = entry->record.spec.campaign_id;
+    if (!campaign.empty() && running[campaign] >= most) {
       ++next;
       continue;
     }
-    const EntryPtr entry = *next;
+    ++running[campaign];
     next = waiting_.erase(next);
     ring_.push_back(entry);
     Begin(*entry);

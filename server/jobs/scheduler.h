@@ -81,7 +81,6 @@ class Scheduler {
                        std::vector<double> checkpoint);
   void FinishReport(Entry& entry, Run& run);
   void StartWaiting();
-  bool MayBegin(const Entry& entry) const;
   void Begin(Entry& entry);
   void RemoveFromRing(const Entry& entry);
   void ChangeState(Entry& entry, StateChange change, Done done);

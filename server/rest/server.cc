@@ -244,7 +244,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     while (!parser.is_done()) {
       const auto [error, count] = co_await http::async_read_some(stream_, buffer_, parser, kAwait);
       if (error) co_return error;
-      const std::size_t size = parser.get().body().capacity();
+      const std::size_t size = parser.get().body().size();  // what is only announced is not touched, and costs nothing
       core_.body_bytes += size - body_bytes_;
       body_bytes_ = size;
       if (core_.body_bytes > core_.options.max_bodies_bytes)

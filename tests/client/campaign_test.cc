@@ -79,8 +79,9 @@ TEST(CampaignCsvTest, WhatIsExportedCanBeReadAgain) {
 TEST(CampaignText, AMemberIsALine) {
   v1::CampaignProgress progress;
   progress.mutable_tuned()->set_members(50);
-  EXPECT_EQ(MemberLine(Member(v1::MEMBER_ROLE_TUNED, 7), progress),
-            "initial condition 7/50  SUCCEEDED  J 800 -> 200.5  reduction 74.9 %  settles in 2 h  K 0.1 0 0 0 0  jobs/a");
+  EXPECT_EQ(
+      MemberLine(Member(v1::MEMBER_ROLE_TUNED, 7), progress),
+      "initial condition 7/50  SUCCEEDED  J 800 -> 200.5  reduction 74.9 %  settles in 2 h  K 0.1 0 0 0 0  jobs/a");
   v1::CampaignMember failed;
   failed.set_role(v1::MEMBER_ROLE_TUNED);
   failed.set_number(1);

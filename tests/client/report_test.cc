@@ -69,8 +69,8 @@ TEST(Thinning, KeepsTheEndsAndTheExtremes) {
   };
   EXPECT_TRUE(has(1000));
   EXPECT_TRUE(has(-5));
-  EXPECT_TRUE(std::is_sorted(thinned.begin(), thinned.end(),
-                             [](const PlotPoint& a, const PlotPoint& b) { return a.x < b.x; }));
+  EXPECT_TRUE(
+      std::is_sorted(thinned.begin(), thinned.end(), [](const PlotPoint& a, const PlotPoint& b) { return a.x < b.x; }));
   EXPECT_EQ(Thin(Wave(50), 600).size(), 50u);
 }
 

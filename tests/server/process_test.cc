@@ -1,25 +1,18 @@
 // The binaries as a user runs them: orbituned in its own process, stopped, killed and started again, and orbitune
 // against it.
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <fstream>
-#include <optional>
-#include <sstream>
 #include <thread>
 
 #include "orbitune/v1/campaign.grpc.pb.h"
 #include "tests/server/engine_support.h"
+#include "tests/server/process_support.h"
 #include "tests/server/rpc_support.h"
-
-extern char** environ;
 
 namespace orbitune::server_test {
 namespace {
@@ -27,125 +20,6 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
 using ::testing::StartsWith;
-
-std::string Contents(const std::string& path) {
-  std::ostringstream text;
-  text << std::ifstream(path).rdbuf();
-  return text.str();
-}
-
-std::vector<std::string> LinesOf(const std::string& text) {
-  std::vector<std::string> lines;
-  std::istringstream stream(text);
-  for (std::string line; std::getline(stream, line);) lines.push_back(line);
-  return lines;
-}
-
-// A process whose output goes to files; killed with the object.
-class Process {
- public:
-  // environment: "NAME=value", beside what the test has, less what of it is Orbitune's.
-  Process(const std::string& output_prefix, std::vector<std::string> arguments,
-          const std::vector<std::string>& environment = {})
-      : out_(output_prefix + ".out"), err_(output_prefix + ".err") {
-    std::vector<std::string> variables = environment;
-    for (char** variable = environ; *variable != nullptr; ++variable) {
-      if (!std::string(*variable).starts_with("ORBITUNE_")) variables.emplace_back(*variable);
-    }
-    variables.emplace_back("ORBITUNE_HTTP=127.0.0.1:0");  // unless `environment` says otherwise: the first counts
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-    posix_spawn_file_actions_addopen(&actions, 1, out_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    posix_spawn_file_actions_addopen(&actions, 2, err_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    const int error = posix_spawn(&pid_, arguments[0].c_str(), &actions, nullptr, Pointers(arguments).data(),
-                                  Pointers(variables).data());
-    posix_spawn_file_actions_destroy(&actions);
-    if (error != 0) {
-      ADD_FAILURE() << "cannot start " << arguments[0];
-      pid_ = 0;
-    }
-  }
-  ~Process() {
-    if (pid_ == 0) return;
-    Signal(SIGKILL);
-    Wait();
-  }
-  Process(const Process&) = delete;
-  Process& operator=(const Process&) = delete;
-
-  void Signal(int signal) const { kill(pid_, signal); }
-
-  // The exit status, or 128 + the signal that ended it.
-  int Wait() {
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    pid_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  }
-
-  // The exit status, if it has ended by itself.
-  std::optional<int> Ended() {
-    int status = 0;
-    if (pid_ == 0 || waitpid(pid_, &status, WNOHANG) != pid_) return std::nullopt;
-    pid_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  }
-
-  std::string out() const { return Contents(out_); }
-  std::string err() const { return Contents(err_); }
-
- private:
-  static std::vector<char*> Pointers(std::vector<std::string>& texts) {
-    std::vector<char*> pointers;
-    for (std::string& text : texts) pointers.push_back(text.data());
-    pointers.push_back(nullptr);
-    return pointers;
-  }
-
-  const std::string out_;
-  const std::string err_;
-  pid_t pid_ = 0;
-};
-
-// An orbituned that listens.
-class Server {
- public:
-  Server(const std::string& output_prefix, const std::vector<std::string>& arguments,
-         const std::vector<std::string>& environment = {})
-      : process_(std::make_unique<Process>(output_prefix, Command(arguments), environment)) {
-    const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(1);
-    while (address_.empty() && !process_->Ended() && std::chrono::steady_clock::now() < deadline) {
-      const std::vector<std::string> lines = LinesOf(process_->out());
-      // The last line is there once all are.
-      if (lines.size() >= 5) address_ = lines[1].substr(std::string("grpc ").size());
-      std::this_thread::sleep_for(std::chrono::milliseconds(2));
-    }
-    EXPECT_NE(address_, "") << process_->err();
-  }
-
-  static std::vector<std::string> Command(const std::vector<std::string>& arguments) {
-    std::vector<std::string> command = {ORBITUNED};
-    command.insert(command.end(), arguments.begin(), arguments.end());
-    return command;
-  }
-
-  const std::string& address() const { return address_; }
-  Process& process() { return *process_; }
-
-  void KillHard() {
-    process_->Signal(SIGKILL);
-    EXPECT_EQ(process_->Wait(), 128 + SIGKILL);
-  }
-  int Terminate(int signal = SIGTERM) {
-    process_->Signal(signal);
-    return process_->Wait();
-  }
-
- private:
-  std::unique_ptr<Process> process_;
-  std::string address_;
-};
 
 class ProcessTest : public ::testing::Test {
  protected:
@@ -168,7 +42,7 @@ class ProcessTest : public ::testing::Test {
     return {code, process.out(), process.err()};
   }
   Result RunServer(const std::vector<std::string>& arguments, const std::vector<std::string>& environment = {}) {
-    return Run(Server::Command(arguments), environment);
+    return Run(ServerCommand(arguments), environment);
   }
   Result RunCli(const Server& server, const std::vector<std::string>& arguments) {
     std::vector<std::string> command = {ORBITUNE_CLI, "--server", server.address()};
@@ -371,6 +245,58 @@ TEST_F(ProcessTest, KillsDoNotShowInACampaign) {
   ASSERT_EQ(stories.size(), 2u);
   EXPECT_TRUE(stories[0] == stories[1]);
   EXPECT_TRUE(results[0] == results[1]);
+}
+
+TEST_F(ProcessTest, ACampaignOnTheCommandLine) {
+  const auto server = Start("data");
+  const std::vector<std::string> create = {
+      "campaign", "create",       "--scenario", "gto-geo",    "--count", "3",        "--seed",
+      "7",        "--iterations", "20",         "--held-out", "2",       "--robust", "--robust-episodes",
+      "300",      "--request-id", "mine"};
+  std::vector<std::string> watched = create;
+  watched.push_back("--watch");
+  const Result made = RunCli(*server, watched);
+  EXPECT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("initial condition 3/3  SUCCEEDED  J "));
+  EXPECT_THAT(made.out, HasSubstr("robust tuning  SUCCEEDED"));
+  EXPECT_THAT(made.out, HasSubstr("Reductions in % of the value under K(1), 2 held out initial conditions:"));
+  EXPECT_THAT(made.out, HasSubstr("On the 2 held-out initial conditions "));
+  const std::string name = made.out.substr(0, made.out.find(' '));
+
+  EXPECT_THAT(RunCli(*server, create).out, StartsWith(name));  // the same request
+  std::vector<std::string> other = create;
+  other[5] = "4";
+  EXPECT_EQ(RunCli(*server, other).code, 5);
+  EXPECT_THAT(RunCli(*server, {"campaign", "list", "--state", "succeeded"}).out, HasSubstr(name));
+  EXPECT_THAT(RunCli(*server, {"campaign", "show", name}).out, HasSubstr("drawn over Keplerian elements with seed 7"));
+  EXPECT_EQ(LinesOf(RunCli(*server, {"campaign", "members", name}).out).size(), 7u);
+  EXPECT_EQ(RunCli(*server, {"campaign", "pause", name}).code, 5);
+
+  // What is exported can be tuned for again.
+  EXPECT_EQ(RunCli(*server, {"campaign", "export", name, "-o", File("ics.csv")}).code, 0);
+  const Result again = RunCli(*server, {"campaign", "create", "--scenario", "gto-geo", "--seed", "7", "--iterations",
+                                        "20", "--ics", File("ics.csv"), "--watch", "--json"});
+  EXPECT_EQ(again.code, 0) << again.err;
+  const auto gains = [](const std::string& text) {
+    const std::size_t at = text.find("\"mean_gains\"");
+    return at == std::string::npos ? "none" : text.substr(at, text.find('}', at) - at);
+  };
+  EXPECT_EQ(gains(again.out), gains(RunCli(*server, {"campaign", "show", name, "--json"}).out));
+  EXPECT_NE(gains(again.out), "none");
+
+  EXPECT_EQ(RunCli(*server, {"report", name, "-o", File("campaign.html")}).code, 0);
+  EXPECT_THAT(Contents(File("campaign.html")), HasSubstr("of 3 initial conditions: before (grey) and after"));
+  const std::string members = RunCli(*server, {"campaign", "members", name, "--json"}).out;
+  const std::string job = members.substr(members.find("jobs/"), 17);
+  EXPECT_EQ(RunCli(*server, {"report", job, "-o", File("job.html")}).code, 0);
+  EXPECT_THAT(Contents(File("job.html")), HasSubstr("The gains K over the iterations."));
+  EXPECT_EQ(RunCli(*server, {"report", "campaigns/none", "-o", File("none.html")}).code, 3);
+  EXPECT_EQ(RunCli(*server, {"report", "mine", "-o", File("none.html")}).code, 2);
+
+  EXPECT_EQ(RunCli(*server, {"campaign", "extend", name, "--count", "1", "--watch"}).code, 0);
+  EXPECT_THAT(RunCli(*server, {"campaign", "show", name}).out, HasSubstr("mean over 4"));
+  EXPECT_EQ(RunCli(*server, {"campaign", "delete", name}).code, 0);
+  EXPECT_EQ(RunCli(*server, {"campaign", "show", name}).code, 3);
 }
 
 TEST_F(ProcessTest, ASecondServerOnTheSameDataIsRefused) {

@@ -21,12 +21,13 @@ CampaignSpec OddCampaign() {
   spec.labels = {{"case", "1"}};
   spec.scenario = *FindPreset("leo-rendezvous");
   spec.warm_start = "jobs/warm";
-  spec.draws = InitialConditionDraws{.distribution = KeplerianDistribution{.semi_major_axis_km = NormalVariate{7e3, 0.1},
-                                                                          .eccentricity = UniformVariate{0, 0.1},
-                                                                          .inclination_deg = FixedValue{81.3},
-                                                                          .mirrored_periapsis = true},
-                                     .seed = ~std::uint64_t{0},
-                                     .count = 17};
+  spec.draws =
+      InitialConditionDraws{.distribution = KeplerianDistribution{.semi_major_axis_km = NormalVariate{7e3, 0.1},
+                                                                  .eccentricity = UniformVariate{0, 0.1},
+                                                                  .inclination_deg = FixedValue{81.3},
+                                                                  .mirrored_periapsis = true},
+                            .seed = ~std::uint64_t{0},
+                            .count = 17};
   spec.held_out_draws = InitialConditionDraws{.distribution = EquinoctialDistribution{.p_km = FixedValue{7e3}}};
   spec.tune_held_out = true;
   spec.robust = RobustTuning{.objective = {.aggregate = Aggregate::kCvar, .level = 0.9, .relative_to_initial = true}};
@@ -70,7 +71,8 @@ CampaignResults OddResults() {
   results.robust_gains = Gains{1, 2, 3, 4, 5.5};
   results.best_on_held_out = GainsChoice::kRobust;
   results.comparisons.push_back({.choice = GainsChoice::kMean, .over = MemberRole::kHeldOut, .flown = 3});
-  results.comparisons[0].cost_percent = {.average = 1 / 7.0, .minimum = -3, .maximum = 9, .percentiles = {1, 2, 3, 4, 5}};
+  results.comparisons[0].cost_percent = {
+      .average = 1 / 7.0, .minimum = -3, .maximum = 9, .percentiles = {1, 2, 3, 4, 5}};
   return results;
 }
 
@@ -142,8 +144,9 @@ TEST_P(CampaignStoreConformance, KeepsEventsInOrderAndResultsWithTheEnd) {
   CampaignEnd end{.change = {.state = CampaignState::kSucceeded, .time_us = 11, .results = OddResults()}};
   end.evaluated.push_back({.id = {MemberRole::kTuned, 2}});
   end.evaluated[0].episodes.push_back({.choice = GainsChoice::kMean, .gains = {1, 2, 3, 4, 5}, .cost = 0.1});
-  ASSERT_TRUE(
-      Wait<absl::Status>([&](CampaignStore::Done done) { campaigns().EndCampaign("c", 4, end, std::move(done)); }).ok());
+  ASSERT_TRUE(Wait<absl::Status>([&](CampaignStore::Done done) {
+                campaigns().EndCampaign("c", 4, end, std::move(done));
+              }).ok());
   Reopen();
   const auto events = campaigns().ListCampaignEvents("c", 1, 10);
   ASSERT_EQ(events->size(), 3u);
@@ -252,7 +255,8 @@ absl::Status CampaignStoreConformance::Append(const std::string& id, std::int64_
 
 absl::Status CampaignStoreConformance::Change(const std::string& id, std::int64_t seq,
                                               const CampaignStateChange& change) {
-  return Wait<absl::Status>([&](CampaignStore::Done done) { campaigns().ChangeState(id, seq, change, std::move(done)); });
+  return Wait<absl::Status>(
+      [&](CampaignStore::Done done) { campaigns().ChangeState(id, seq, change, std::move(done)); });
 }
 
 absl::Status CampaignStoreConformance::Delete(const std::string& id) {

@@ -44,6 +44,23 @@ TEST(Serialise, NamesFieldsAsTheStructsDo) {
   EXPECT_EQ(json["initial_condition"]["equinoctial"]["p_km"], 7378.137 + 15);
 }
 
+// What version 1 did not have is written only where it is used: a document, and a digest made of it, stays as it was.
+TEST(Serialise, WritesAPlainJobAsVersion1Did) {
+  const std::string text = *ToJson(PlainSpec());
+  for (const char* later : {"algorithm", "max_episodes", "plateau_stop", "ars_variants", "cma_es", "nelder_mead",
+                            "initial_conditions", "objective", "warm_start", "campaign_id"}) {
+    EXPECT_FALSE(absl::StrContains(text, absl::StrCat("\"", later, "\""))) << later;
+  }
+  EXPECT_FALSE(absl::StrContains(ToJson(JobReport()), "ensemble"));
+  JobSpec spec = PlainSpec();
+  spec.scenario.search.algorithm = Algorithm::kCmaEs;
+  spec.scenario.search.cma_es.population = 8;
+  const Json search = Json::parse(*ToJson(spec))["scenario"]["search"];
+  EXPECT_EQ(search["algorithm"], "CMA_ES");
+  EXPECT_EQ(search["cma_es"]["population"], 8);
+  EXPECT_FALSE(search.contains("nelder_mead"));
+}
+
 TEST(Serialise, KeepsEveryBitOfADouble) {
   std::mt19937_64 random(7);
   JobSpec spec = PlainSpec();

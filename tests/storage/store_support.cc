@@ -89,7 +89,16 @@ JobSpec OddSpec() {
               .initial_gains = {0.1, 0.2, 0.3, 1e-3, kNan},
               .exploration_std = {-0.0, 1, 2, 3, 4},
               .gain_floor = 2e-3,
-              .seed = std::numeric_limits<std::uint64_t>::max()};
+              .seed = std::numeric_limits<std::uint64_t>::max(),
+              .algorithm = Algorithm::kNelderMead,
+              .max_episodes = 9'007'199'254'740'993,
+              .plateau_stop = {.iterations = 7, .min_improvement = 0.1},
+              .ars_variants = {.top_directions = 2,
+                               .step_schedule = Schedule::kLinear,
+                               .exploration_schedule = Schedule::kInverseSqrt,
+                               .log_gains = true},
+              .cma_es = {.population = 9, .initial_sigma = 0.3, .restarts = 4, .population_growth = 2.5},
+              .nelder_mead = {.initial_step = 0.9, .restarts = 6}};
   spec.initial_condition = KeplerianState{.semi_major_axis_km = 7378.137,
                                           .eccentricity = 0.1,
                                           .inclination_deg = 81.3,
@@ -97,6 +106,10 @@ JobSpec OddSpec() {
                                           .argument_of_periapsis_deg = 359.9,
                                           .position = KeplerianState::Position::kTrueLongitude,
                                           .position_deg = 45.1};
+  spec.initial_conditions = {spec.initial_condition, s.target, std::monostate()};
+  spec.objective = {.aggregate = Aggregate::kCvar, .level = 0.9, .relative_to_initial = true};
+  spec.warm_start = "jobs/another";
+  spec.campaign_id = "campaign";
   return spec;
 }
 
@@ -120,6 +133,13 @@ JobReport OddReport() {
   report.best = report.final;
   report.best.iteration = 4321;
   report.best.episode.outcome = Outcome::kNotSettled;
+  report.best.ensemble = EnsembleReport{.initial_conditions = 50,
+                                        .settled = 49,
+                                        .objective = 0.1 + 0.2,
+                                        .cost = {1.0 / 3, -0.0, kInfinity},
+                                        .cost_reduction_percent = {1, kNan, 3},
+                                        .settling_time_reduction_percent = {},
+                                        .fuel_sum_reduction_percent = {4, 5, 6}};
   report.warnings = {{WarningKind::kPairsLeftOut, "3 \"pairs\""}, {WarningKind::kGainAtFloor, "K5 \xE2\x89\xA4 1e-3"}};
   report.episodes = 9'007'199'254'740'993;
   return report;
@@ -180,7 +200,8 @@ IterationRecord RecordOf(int iteration) {
       .fuel_sum = 0.1 * iteration,
       .cost_std = std::exp(-iteration / 1000.0),
       .pairs_left_out = iteration % 3,
-      .pairs_not_settled = iteration % 5};
+      .pairs_not_settled = iteration % 5,
+      .episodes = 33'000'000'000 * iteration};
   if (iteration % 7 == 3) {
     record.outcome = Outcome::kLeftDomain;
     record.cost = record.fuel_sum = kNan;
