@@ -55,7 +55,8 @@ class Session {
   const Globals globals_;
   const Terminal& terminal_;
   std::tuple<std::unique_ptr<v1::TuningService::Stub>, std::unique_ptr<v1::ScenarioService::Stub>,
-             std::unique_ptr<v1::SimulationService::Stub>, std::unique_ptr<v1::CampaignService::Stub>>
+             std::unique_ptr<v1::SimulationService::Stub>, std::unique_ptr<v1::CampaignService::Stub>,
+             std::unique_ptr<v1::GainService::Stub>>
       stubs_;
 };
 
