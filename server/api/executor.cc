@@ -10,6 +10,8 @@ Executor& Executors::For(Work work) {
       return reads_;
     case Work::kWrite:
       return writes_;
+    case Work::kQuery:
+      return queries_;
     case Work::kEpisode:
       return episodes_;
     case Work::kStream:

@@ -1,15 +1,16 @@
 #include "server/jobs/scheduler.h"
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
 #include "core/search/ensemble_search.h"
-#include "core/sim/scalar_simulator.h"
 #include "core/simd/batch_simulator.h"
 #include "core/simd/lane_kernel.h"
+#include "server/jobs/gain_sets.h"
 #include "server/jobs/report.h"
 #include "storage/serialise.h"
 
@@ -84,10 +85,11 @@ struct Scheduler::Run {
 
   // The batch: the search's episodes but the first `put_off`, then those of `late`.
   std::vector<EpisodeResult> results;
-  std::size_t searched = 0;                   // results before those of `late`
-  std::size_t put_off = 0;                    // 0 or 1
-  std::vector<BatchOutcome::Iteration> late;  // all but their own episode, which the batch flies
-  std::size_t claimed = 0;                    // put_off included
+  std::size_t searched = 0;                      // results before those of `late`
+  std::size_t put_off = 0;                       // 0 or 1
+  std::vector<BatchOutcome::Iteration> late;     // all but their own episode, which the batch flies
+  std::size_t claimed = 0;                       // put_off included
+  std::atomic<bool> lyapunov_decreasing = true;  // under the report's last gains, the best
   std::size_t finished = 0;
   std::chrono::steady_clock::time_point begun;
 
@@ -109,8 +111,10 @@ struct Scheduler::Run {
     }
     for (std::size_t i = 0; i < count; ++i) {
       const std::size_t e = begin + i;
-      out[i] = SimulateEpisode(prepared[e % prepared.size()].problem, report_gains[e / prepared.size()],
-                               {.early_exit = false, .measure_effort = true});
+      const WatchedEpisode episode =
+          FlyWatched(prepared[e % prepared.size()].problem, report_gains[e / prepared.size()], {.early_exit = false});
+      out[i] = episode.result;
+      if (!episode.lyapunov_decreasing && e / prepared.size() + 1 == report_gains.size()) lyapunov_decreasing = false;
     }
   }
 
@@ -432,6 +436,7 @@ void Scheduler::Append(Entry& entry, IterationRecord record, std::vector<double>
 void Scheduler::FinishReport(Entry& entry, Run& run) {
   StateChange change{.state = JobState::kSucceeded};
   change.report = BuildReport(entry.record, run.prepared, run.results, entry.pairs_left_out);
+  change.gain_set = MakeGainSet(entry.record, run.prepared.front(), *change.report, run.lyapunov_decreasing, NowUs());
   RemoveFromRing(entry);
   ChangeState(entry, std::move(change), {});
   StartWaiting();
@@ -473,6 +478,7 @@ void Scheduler::ChangeState(Entry& entry, StateChange change, Done done) {
   if (job.state != JobState::kRunning) entry.run.reset();
   store_.ChangeState(job.id, seq, change, [this, job, change, done = std::move(done)](const absl::Status& status) {
     if (status.ok()) {
+      if (change.gain_set && options_.library != nullptr) AddToLibrary({&*change.gain_set, 1}, *options_.library);
       hub_.Publish(job.id, {.seq = job.last_seq, .what = change});
     } else if (!absl::IsUnavailable(status)) {
       std::fprintf(stderr, "orbituned: jobs/%s: a change of state was refused: %s\n", job.id.c_str(),

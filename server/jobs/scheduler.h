@@ -15,6 +15,7 @@
 #include <thread>
 #include <vector>
 
+#include "core/library/gain_library.h"
 #include "server/jobs/event_hub.h"
 #include "storage/job_store.h"
 
@@ -40,6 +41,7 @@ class Scheduler {
     // Of one campaign; the rest lets others pass. 0: twice the threads, at least 4.
     int max_running_of_campaign = 0;
     int max_uncommitted_iterations = 256;  // of one job; beyond, it waits for the disk
+    GainLibrary* library = nullptr;        // that is told of every gain set, once it is stored; outlives the scheduler
   };
   // The job as of the change, committed.
   using Done = std::function<void(absl::StatusOr<JobRecord>)>;

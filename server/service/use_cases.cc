@@ -176,6 +176,8 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job, const std::optional<Gains>& s
 
 }  // namespace
 
+absl::StatusOr<Scenario> ChooseScenario(const ScenarioChoice& choice) { return Choose(choice); }
+
 std::string NewId() {
   static constexpr std::string_view kAlphabet = "abcdefghijklmnopqrstuvwxyz234567";
   std::random_device random;

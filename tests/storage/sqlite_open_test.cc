@@ -181,6 +181,11 @@ TEST_F(SqliteOpen, SaysThatAFileIsCutOff) {
 // Anything may have been overwritten: what cannot be read is an error, never a crash.
 TEST_F(SqliteOpen, SurvivesDamageAnywhere) {
   MakeDatabase(600);
+  {
+    std::vector<GainSet> sets;
+    for (int i = 0; i < 20; ++i) sets.push_back(PlainGainSet(absl::StrCat("set", i)));
+    ASSERT_TRUE(AddGainSets(*OpenStore(Database()), sets).ok());
+  }
   const std::string whole = FileContents(Database());
   std::mt19937 random(5);
   int errors = 0;
@@ -197,6 +202,8 @@ TEST_F(SqliteOpen, SurvivesDamageAnywhere) {
     errors += (*store)->GetJob("a").ok() ? 0 : 1;
     errors += (*store)->ListJobs({}).ok() ? 0 : 1;
     errors += (*store)->ListEvents("a", 0, 1000).ok() ? 0 : 1;
+    errors += (*store)->gains().ListGainSets({}).ok() ? 0 : 1;
+    errors += (*store)->gains().ReadLibrary([](const auto&, const auto&, const auto&) {}).ok() ? 0 : 1;
     errors += Append(**store, "a", 602, RecordOf(601)).ok() ? 0 : 1;
     (void)Delete(**store, "a");
     (void)Create(**store, "b");
