@@ -65,7 +65,9 @@ class NullStore final : public JobStore {
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string&, std::int64_t, int) const override {
     return std::vector<JobEvent>();
   }
-  CampaignStore& campaigns() override { std::abort(); }  // there are none
+  // There are none.
+  CampaignStore& campaigns() override { std::abort(); }
+  GainStore& gains() override { std::abort(); }
   void Flush() override {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return waiting_.empty() && !answering_; });

@@ -91,7 +91,10 @@ class Bench {
     scheduler_ = std::make_unique<Scheduler>(*store_, hub_, Scheduler::Options{.threads = threads});
     use_cases_ = std::make_unique<UseCases>(*store_, *scheduler_, hub_);
     ORBITUNE_CHECK(scheduler_->Start().ok());
-    api_ = std::make_unique<Api>(*use_cases_);
+    campaign_engine_ = std::make_unique<CampaignEngine>(*store_, store_->campaigns(), *scheduler_, hub_);
+    campaigns_ = std::make_unique<CampaignUseCases>(*use_cases_, store_->campaigns(), *campaign_engine_);
+    gains_ = std::make_unique<GainUseCases>(*store_, library_);
+    api_ = std::make_unique<Api>(*use_cases_, *campaigns_, *gains_);
     auto http = HttpServer::Start({.address = "127.0.0.1:0", .max_connections = 10'000}, *api_);
     ORBITUNE_CHECK(http.ok());
     http_ = *std::move(http);
@@ -173,6 +176,10 @@ class Bench {
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<Scheduler> scheduler_;
   std::unique_ptr<UseCases> use_cases_;
+  GainLibrary library_;
+  std::unique_ptr<CampaignEngine> campaign_engine_;
+  std::unique_ptr<CampaignUseCases> campaigns_;
+  std::unique_ptr<GainUseCases> gains_;
   std::unique_ptr<Api> api_;
   std::unique_ptr<HttpServer> http_;
 };

@@ -76,6 +76,7 @@ class GatedStore final : public JobStore {
     return events;
   }
   CampaignStore& campaigns() override { return store_.campaigns(); }
+  GainStore& gains() override { return store_.gains(); }
   void Flush() override { store_.Flush(); }
   absl::Status ok_for_now() const override { return store_.ok_for_now(); }
 
@@ -390,7 +391,7 @@ class SlowStoreTest : public WatchTest {
 
   GatedStore gated_{engine_.store()};
   UseCases use_cases_;
-  Api slow_api_{use_cases_, engine_.campaigns()};
+  Api slow_api_{use_cases_, engine_.campaigns(), engine_.gains()};
   std::unique_ptr<RpcServer> slow_server_;
   std::unique_ptr<Client> slow_client_;
 };
