@@ -111,6 +111,30 @@ void AddScenarios(CLI::App& program, Run& run) {
   AddText(*app, "NAME", options->name, "Show this one; with --json as a file for --scenario-file", "SCENARIO");
 }
 
+void AddSearch(CLI::App& app, SearchFlags& flags) {
+  AddText(app, "--algorithm", flags.algorithm, "[ars]", "ars|cma-es|nelder-mead");
+  AddNumber<std::int64_t>(
+      app, "--max-episodes", flags.max_episodes,
+      "At most so many; 0: no bound but --iterations [ars: 0; else 6000 for each initial condition]");
+  AddNumber<std::int32_t>(app, "--plateau", flags.plateau_iterations,
+                          "End when the best cost has not fallen for so many iterations; 0: never [0]");
+  AddNumber<double>(app, "--plateau-improvement", flags.plateau_improvement,
+                    "By this part of itself, to count as fallen [0.001]");
+  AddNumber<std::int32_t>(app, "--top-directions", flags.top_directions,
+                          "ars: only the so many best directions move K; 0: all [0]");
+  AddText(app, "--step-schedule", flags.step_schedule, "ars: how alpha falls [constant]",
+          "constant|linear|inverse-sqrt");
+  AddText(app, "--exploration-schedule", flags.exploration_schedule, "ars: how sigma falls [constant]",
+          "constant|linear|inverse-sqrt");
+  app.add_flag("--log-gains", flags.log_gains, "ars: over the logarithm of the gains");
+  AddNumber<std::int32_t>(app, "--population", flags.population, "cma-es: candidates in a generation");
+  AddNumber<double>(app, "--initial-sigma", flags.initial_sigma, "cma-es: standard deviation of ln K at the start");
+  AddNumber<double>(app, "--population-growth", flags.population_growth,
+                    "cma-es: population of a run over that of the one before");
+  AddNumber<double>(app, "--initial-step", flags.initial_step, "nelder-mead: edge of the first simplex in ln K");
+  AddNumber<std::int32_t>(app, "--restarts", flags.restarts, "cma-es, nelder-mead: runs after the first");
+}
+
 // What a job and a campaign are told alike, beside what is flown.
 void AddTuning(CLI::App& program, SubmitOptions& submit) {
   CLI::App* const app = &program;
@@ -126,6 +150,10 @@ void AddTuning(CLI::App& program, SubmitOptions& submit) {
           "S1,S2,S3,S4,S5");
   AddNumber<double>(*app, "--gain-floor", options->gain_floor, "No gain simulated is smaller");
   AddNumber<std::uint64_t>(*app, "--seed", options->seed, "Of the random numbers");
+  AddSearch(*app, options->search);
+  AddText(*app, "--warm-start", options->warm_start, "Begin with the best gains of a job or a gain set",
+          "jobs/ID|gainSets/ID")
+      ->excludes(app->get_option("--initial-gains"));
   AddText(*app, "--request-id", options->request_id,
           "The same id and the same request again give what was created before [a random UUID]", "ID");
   CLI::Option* const validate = app->add_flag("--validate-only", options->validate_only, "Check; store nothing");
@@ -136,6 +164,14 @@ void AddTuning(CLI::App& program, SubmitOptions& submit) {
 void AddSubmit(CLI::App& program, Run& run) {
   const auto [app, options] = AddCommand(program, run, "submit", "Create a tuning job", RunSubmit);
   AddFlight(*app, options->flight);
+  AddText(*app, "--ics", options->initial_conditions_file,
+          "Robust tuning: one K for all of these; FILE.csv or FILE.json", "FILE")
+      ->excludes(app->get_option("--ic"));
+  AddText(*app, "--objective", options->objective, "What their costs are made into [mean]",
+          "mean|worst|percentile:LEVEL|cvar:LEVEL")
+      ->needs(app->get_option("--ics"));
+  app->add_flag("--relative", options->relative, "Of J / J(K(1)) of each instead of J")
+      ->needs(app->get_option("--ics"));
   AddTuning(*app, *options);
 }
 

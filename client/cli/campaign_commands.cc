@@ -18,6 +18,7 @@
 #include "client/cli/json.h"
 #include "client/cli/number.h"
 #include "client/cli/parse.h"
+#include "client/cli/search_flags.h"
 #include "client/cli/session.h"
 #include "client/cli/submission.h"
 #include "client/cli/table.h"
@@ -62,31 +63,16 @@ absl::Status SetHeldOut(const CampaignCreateOptions& options, v1::Campaign* camp
   return absl::OkStatus();
 }
 
-absl::Status SetObjective(const std::string& text, v1::Objective* objective) {
-  const std::vector<std::string> parts = absl::StrSplit(text, absl::MaxSplits(':', 1));
-  const bool levelled = parts[0] == "percentile" || parts[0] == "cvar";
-  v1::Aggregate aggregate = v1::AGGREGATE_UNSPECIFIED;
-  if (levelled != (parts.size() == 2) ||
-      !v1::Aggregate_Parse(absl::StrCat("AGGREGATE_", absl::AsciiStrToUpper(parts[0])), &aggregate)) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        "--robust-objective: must be mean, worst, percentile:LEVEL or cvar:LEVEL, with LEVEL in (0, 1), got '", text,
-        "'"));
-  }
-  objective->set_aggregate(aggregate);
-  objective->set_relative_to_initial(true);
-  if (!levelled) return absl::OkStatus();
-  const auto level = ParseNumber<double>(parts[1]);
-  if (!level.ok()) return For("--robust-objective", level.status());
-  objective->set_level(*level);
-  return absl::OkStatus();
-}
-
 absl::Status SetRobust(const CampaignCreateOptions& options, v1::Campaign* campaign) {
   if (!options.robust && options.robust_objective.empty() && !options.robust_episodes) return absl::OkStatus();
   v1::RobustTuning& robust = *campaign->mutable_robust();
   if (options.robust_episodes) robust.mutable_hyperparameters()->set_max_episodes(*options.robust_episodes);
   if (options.robust_objective.empty()) return absl::OkStatus();
-  return SetObjective(options.robust_objective, robust.mutable_objective());
+  const auto objective = ParseObjective(options.robust_objective);
+  if (!objective.ok()) return For("--robust-objective", objective.status());
+  *robust.mutable_objective() = *objective;
+  robust.mutable_objective()->set_relative_to_initial(true);
+  return absl::OkStatus();
 }
 
 absl::StatusOr<v1::CreateCampaignRequest> BuildCreateCampaignRequest(const CampaignCreateOptions& options) {

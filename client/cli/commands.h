@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "client/cli/search_flags.h"
+
 namespace orbitune::cli {
 
 class Session;
@@ -43,6 +45,11 @@ struct SubmitOptions {
   std::string exploration_std;
   std::optional<double> gain_floor;
   std::optional<std::uint64_t> seed;
+  SearchFlags search;
+  std::string warm_start;               // jobs/ID or gainSets/ID
+  std::string initial_conditions_file;  // robust tuning
+  std::string objective;
+  bool relative = false;
   std::string request_id;  // empty: a random one
   bool validate_only = false;
   bool watch = false;

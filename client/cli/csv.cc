@@ -16,7 +16,8 @@ void AppendDoubles(std::initializer_list<double> values, std::string* row) {
 }  // namespace
 
 std::string IterationCsvHeader() {
-  return "iteration,cost,settling_samples,fuel_sum,outcome,k1,k2,k3,k4,k5,cost_std,pairs_left_out,pairs_not_settled";
+  return "iteration,cost,settling_samples,fuel_sum,outcome,k1,k2,k3,k4,k5,cost_std,pairs_left_out,pairs_not_settled,"
+         "episodes";
 }
 
 std::string IterationCsvRow(const v1::Iteration& iteration) {
@@ -26,7 +27,7 @@ std::string IterationCsvRow(const v1::Iteration& iteration) {
                                  absl::StripPrefix(outcome, "OUTCOME_"));
   const v1::Gains& k = iteration.gains();
   AppendDoubles({k.k1(), k.k2(), k.k3(), k.k4(), k.k5(), iteration.cost_std()}, &row);
-  absl::StrAppend(&row, ",", iteration.pairs_left_out(), ",", iteration.pairs_not_settled());
+  absl::StrAppend(&row, ",", iteration.pairs_left_out(), ",", iteration.pairs_not_settled(), ",", iteration.episodes());
   return row;
 }
 

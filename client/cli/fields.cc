@@ -20,6 +20,10 @@ std::string ScalarText(const Message& message, const FieldDescriptor& field) {
       return Human(get.GetDouble(message, &field), 10);
     case FieldDescriptor::CPPTYPE_INT32:
       return std::to_string(get.GetInt32(message, &field));
+    case FieldDescriptor::CPPTYPE_INT64:
+      return std::to_string(get.GetInt64(message, &field));
+    case FieldDescriptor::CPPTYPE_BOOL:
+      return get.GetBool(message, &field) ? "true" : "false";
     case FieldDescriptor::CPPTYPE_UINT64:
       return std::to_string(get.GetUInt64(message, &field));
     case FieldDescriptor::CPPTYPE_ENUM:

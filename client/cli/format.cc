@@ -84,6 +84,33 @@ bool Ended(v1::JobState state) {
   return state == v1::JOB_STATE_SUCCEEDED || state == v1::JOB_STATE_FAILED || state == v1::JOB_STATE_CANCELLED;
 }
 
+int ExpectedIterations(const v1::Job& job) {
+  const std::int64_t done = job.completed_iterations();
+  if (job.state() == v1::JOB_STATE_SUCCEEDED) return static_cast<int>(done);
+  const std::int64_t iterations = job.hyperparameters().iterations();
+  const std::int64_t budget = job.hyperparameters().max_episodes();
+  const std::int64_t flown = job.latest_iteration().episodes();
+  if (budget == 0 || flown == 0) return static_cast<int>(iterations);
+  return static_cast<int>(std::max(
+      done, std::min<std::int64_t>(iterations,
+                                   static_cast<std::int64_t>(static_cast<double>(budget) / static_cast<double>(flown) *
+                                                             static_cast<double>(done)))));
+}
+
+v1::Hyperparameters UsedHyperparameters(const v1::Job& job) {
+  v1::Hyperparameters used = job.hyperparameters();
+  if (used.algorithm() == v1::ALGORITHM_CMA_ES || used.algorithm() == v1::ALGORITHM_NELDER_MEAD) {
+    used.clear_step_size();
+    used.clear_exploration_scale();
+    used.clear_directions();
+    used.clear_exploration_std();
+    used.clear_ars_variants();
+  }
+  if (used.algorithm() != v1::ALGORITHM_CMA_ES) used.clear_cma_es();
+  if (used.algorithm() != v1::ALGORITHM_NELDER_MEAD) used.clear_nelder_mead();
+  return used;
+}
+
 std::optional<double> CostOf(const v1::Iteration& iteration) {
   return iteration.has_cost() ? std::make_optional(iteration.cost()) : std::nullopt;
 }

@@ -42,6 +42,12 @@ std::string GuaranteeText(v1::DomainGuarantee guarantee);  // "not guaranteed"
 // Whether the job can change no more.
 bool Ended(v1::JobState state);
 
+// How many iterations the job will have at its end, as far as can be told: M, or fewer where max_episodes ends it.
+int ExpectedIterations(const v1::Job& job);
+
+// The options of the job's search, without those of the algorithms it does not use.
+v1::Hyperparameters UsedHyperparameters(const v1::Job& job);
+
 std::optional<double> CostOf(const v1::Iteration& iteration);
 
 // Without control characters: what others wrote must not steer this terminal.

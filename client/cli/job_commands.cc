@@ -24,7 +24,7 @@ constexpr std::int64_t kJobPage = 1000;
 void AddJob(const v1::Job& job, Table& table) {
   const std::optional<double> cost = CostOf(job.latest_iteration());
   table.AddRow({job.name(), StateText(job.state()), job.scenario().empty() ? "(own)" : Printable(job.scenario()),
-                absl::StrCat(job.completed_iterations(), "/", job.hyperparameters().iterations()), Human(cost),
+                absl::StrCat(job.completed_iterations(), "/", ExpectedIterations(job)), Human(cost),
                 Percent(ReductionPercent(CostOf(job.initial_iteration()), cost)), UtcTime(job.create_time()),
                 Printable(job.display_name())});
 }

@@ -73,6 +73,28 @@ void PrintGains(const v1::JobReport& report, std::ostream& out) {
                          report.best().iteration());
 }
 
+std::string SpreadText(const v1::EnsembleResult::Spread& spread) {
+  return absl::StrFormat("%.1f %% [%.1f %.1f]", spread.mean(), spread.min(), spread.max());
+}
+
+// The rows above are of the means over the initial conditions; these are the means of the reductions.
+void PrintEnsembles(const v1::JobReport& report, std::ostream& out) {
+  const v1::EnsembleResult& last = report.final().ensemble();
+  const v1::EnsembleResult& best = report.best().ensemble();
+  out << absl::StrFormat("\nover %d initial conditions: mean [min max] of the reductions of each\n",
+                         best.initial_conditions());
+  Table table({"", absl::StrFormat("K(%d)", report.final().iteration()), "best K"});
+  table.AddRow({"settled", absl::StrCat(last.settled()), absl::StrCat(best.settled())});
+  table.AddRow({"objective", Human(last.has_objective() ? std::optional(last.objective()) : std::nullopt),
+                Human(best.has_objective() ? std::optional(best.objective()) : std::nullopt)});
+  table.AddRow({"cost J", SpreadText(last.cost_reduction_percent()), SpreadText(best.cost_reduction_percent())});
+  table.AddRow({"settling time", SpreadText(last.settling_time_reduction_percent()),
+                SpreadText(best.settling_time_reduction_percent())});
+  table.AddRow(
+      {"fuel sum", SpreadText(last.fuel_sum_reduction_percent()), SpreadText(best.fuel_sum_reduction_percent())});
+  table.Print(out);
+}
+
 std::string Elapsed(const v1::Job& job) {
   if (!job.has_start_time() || !job.has_end_time()) return "-";
   return HumanDuration(SecondsBetween(job.start_time(), job.end_time()));
@@ -88,7 +110,7 @@ void PrintIteration(const char* title, const v1::Iteration& iteration, std::ostr
 }
 
 void PrintProgress(const v1::Job& job, std::ostream& out) {
-  out << absl::StrFormat("%-32s %d/%d\n", "iterations", job.completed_iterations(), job.hyperparameters().iterations());
+  out << absl::StrFormat("%-32s %d/%d\n", "iterations", job.completed_iterations(), ExpectedIterations(job));
   if (job.has_initial_iteration()) PrintIteration("first_iteration", job.initial_iteration(), out);
   if (job.has_latest_iteration()) PrintIteration("latest_iteration", job.latest_iteration(), out);
   if (job.has_best_iteration()) PrintIteration("best_iteration", job.best_iteration(), out);
@@ -99,13 +121,14 @@ void PrintProgress(const v1::Job& job, std::ostream& out) {
 void PrintJobSummary(const v1::Job& job, std::ostream& out) {
   out << job.name() << "  " << StateText(job.state()) << '\n';
   if (!job.error_message().empty()) out << "error: " << Printable(job.error_message()) << '\n';
-  out << absl::StrFormat("%d/%d iterations", job.completed_iterations(), job.hyperparameters().iterations());
+  out << absl::StrFormat("%d/%d iterations", job.completed_iterations(), ExpectedIterations(job));
   if (job.has_report()) out << absl::StrFormat(", %d episodes", job.report().episodes());
   out << ", elapsed " << Elapsed(job) << '\n';
   if (!job.has_report()) return;
   PrintGains(job.report(), out);
   out << '\n';
   PrintComparison(job.report(), out);
+  if (job.report().best().has_ensemble()) PrintEnsembles(job.report(), out);
   if (!job.report().warnings().empty()) out << '\n';
   for (const v1::Warning& warning : job.report().warnings()) out << "warning: " << Printable(warning.message()) << '\n';
 }
@@ -124,8 +147,14 @@ void PrintJob(const v1::Job& job, std::ostream& out) {
     out << "initial_condition\n";
     PrintFields(job.initial_condition(), 2, out);
   }
+  if (job.initial_conditions_size() > 0) {
+    out << absl::StrFormat("%-32s %d\n", "initial_conditions", job.initial_conditions_size()) << "objective\n";
+    PrintFields(job.objective(), 2, out);
+  }
+  if (!job.warm_start().empty()) out << absl::StrFormat("%-32s %s\n", "warm_start", Printable(job.warm_start()));
+  if (!job.campaign().empty()) out << absl::StrFormat("%-32s %s\n", "campaign", job.campaign());
   out << "hyperparameters\n";
-  PrintFields(job.hyperparameters(), 2, out);
+  PrintFields(UsedHyperparameters(job), 2, out);
   PrintProgress(job, out);
   if (!Ended(job.state())) return;
   out << '\n';

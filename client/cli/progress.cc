@@ -42,7 +42,7 @@ std::string Join(const Pieces& pieces, int done, int total) {
 std::string Head(const v1::Job& job) {
   std::string head;
   if (job.state() != v1::JOB_STATE_RUNNING) absl::StrAppend(&head, StateText(job.state()), "  ");
-  absl::StrAppend(&head, job.completed_iterations(), "/", job.hyperparameters().iterations());
+  absl::StrAppend(&head, job.completed_iterations(), "/", ExpectedIterations(job));
   if (!job.has_latest_iteration()) return head;
   const std::optional<double> cost = CostOf(job.latest_iteration());
   absl::StrAppend(&head, "  J ", cost ? Human(cost) : OutcomeText(job.latest_iteration().outcome()));
@@ -73,7 +73,7 @@ std::optional<double> RateMeter::PerSecond() const {
 
 std::string ProgressLine(const v1::Job& job, std::optional<double> iterations_per_s, int width) {
   const int done = job.completed_iterations();
-  const int total = job.hyperparameters().iterations();
+  const int total = ExpectedIterations(job);
   const std::size_t room = static_cast<std::size_t>(std::max(width, 0));
   Pieces pieces;
   pieces.bar_width = width >= kWide ? kBarWidth : kNarrowBarWidth;
@@ -100,7 +100,7 @@ std::string ProgressLine(const v1::Job& job, std::optional<double> iterations_pe
 std::string IterationLine(const v1::Iteration& iteration, const v1::Job& job) {
   const std::optional<double> cost = CostOf(iteration);
   std::string line = absl::StrCat(
-      "iteration ", iteration.iteration(), "/", job.hyperparameters().iterations(), "  J ", Human(cost), "  reduction ",
+      "iteration ", iteration.iteration(), "/", ExpectedIterations(job), "  J ", Human(cost), "  reduction ",
       Percent(ReductionPercent(CostOf(job.initial_iteration()), cost)), "  K ", GainsText(iteration.gains()));
   if (iteration.outcome() != v1::OUTCOME_SETTLED) absl::StrAppend(&line, "  ", OutcomeText(iteration.outcome()));
   return line;

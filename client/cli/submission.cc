@@ -7,6 +7,7 @@
 #include "absl/strings/strip.h"
 #include "client/cli/files.h"
 #include "client/cli/initial_condition.h"
+#include "client/cli/initial_condition_file.h"
 #include "client/cli/parse.h"
 #include "orbitune/v1/simulation.pb.h"
 
@@ -32,14 +33,29 @@ absl::Status SetHyperparameters(const SubmitOptions& options, v1::Hyperparameter
   if (options.directions) parameters->set_directions(*options.directions);
   if (options.gain_floor) parameters->set_gain_floor(*options.gain_floor);
   if (options.seed) parameters->set_seed(*options.seed);
-  absl::Status status;
-  if (!options.initial_gains.empty()) {
+  absl::Status status = SetSearch(options.search, parameters);
+  if (status.ok() && !options.initial_gains.empty()) {
     status = SetGains("--initial-gains", options.initial_gains, parameters->mutable_initial_gains());
   }
   if (status.ok() && !options.exploration_std.empty()) {
     status = SetGains("--exploration-std", options.exploration_std, parameters->mutable_exploration_std());
   }
   return status;
+}
+
+absl::Status SetEnsemble(const SubmitOptions& options, v1::Job* job) {
+  if (!options.initial_conditions_file.empty()) {
+    const auto listed = ReadInitialConditions(options.initial_conditions_file);
+    if (!listed.ok()) return For("--ics", listed.status());
+    *job->mutable_initial_conditions() = listed->list();
+  }
+  if (!options.objective.empty()) {
+    const auto objective = ParseObjective(options.objective);
+    if (!objective.ok()) return For("--objective", objective.status());
+    *job->mutable_objective() = *objective;
+  }
+  if (options.relative) job->mutable_objective()->set_relative_to_initial(true);
+  return absl::OkStatus();
 }
 
 std::string Quoted(const std::string& value) {
@@ -82,8 +98,10 @@ absl::StatusOr<v1::CreateJobRequest> BuildCreateJobRequest(const SubmitOptions& 
       return absl::InvalidArgumentError(absl::StrCat("--label: '", pair->first, "' is given twice"));
     }
   }
-  const absl::Status status = SetHyperparameters(options, job.mutable_hyperparameters());
+  absl::Status status = SetHyperparameters(options, job.mutable_hyperparameters());
+  if (status.ok()) status = SetEnsemble(options, &job);
   if (!status.ok()) return status;
+  job.set_warm_start(options.warm_start);
   request.set_request_id(options.request_id.empty() ? RandomUuid() : options.request_id);
   request.set_validate_only(options.validate_only);
   return request;

@@ -13,6 +13,7 @@
 #include "core/simd/lane_kernel.h"
 #include "tests/bench/job_bench.h"
 #include "tests/bench/odeint_engine.h"
+#include "tests/bench/optimiser_bench.h"
 #include "tests/bench/peak_fma.h"
 #include "tests/bench/workload.h"
 
@@ -186,6 +187,27 @@ void RunJobs(json& rows, int iterations, bool as_json) {
   AddJobs(rows, as_json, RunThroughServer(50, cores, iterations));
 }
 
+void PrintOptimisers(json& out, bool as_json, const std::vector<OptimiserRow>& rows) {
+  if (!as_json) {
+    std::printf("%-16s %-26s %9s %10s %8s %8s %10s %8s\n", "scenario", "optimiser", "episodes", "reduction%", "min",
+                "max", "mean J", "s/IC");
+  }
+  for (const OptimiserRow& r : rows) {
+    out.push_back({{"scenario", r.scenario},
+                   {"optimiser", r.optimiser},
+                   {"episodes", r.episodes},
+                   {"mean_reduction_percent", r.mean_percent},
+                   {"min_reduction_percent", r.min_percent},
+                   {"max_reduction_percent", r.max_percent},
+                   {"mean_cost", r.mean_cost},
+                   {"seconds_per_initial_condition", r.seconds}});
+    if (as_json) continue;
+    std::printf("%-16s %-26s %9lld %10.1f %8.1f %8.1f %10.3f %8.3f\n", r.scenario.c_str(), r.optimiser.c_str(),
+                static_cast<long long>(r.episodes), r.mean_percent, r.min_percent, r.max_percent, r.mean_cost,
+                r.seconds);
+  }
+}
+
 int Main(int argc, char** argv) {
   CLI::App app("Times episodes and whole jobs, beside Boost.odeint, and checks every cost.", "orbitune_bench");
   bool as_json = false;
@@ -204,7 +226,23 @@ int Main(int argc, char** argv) {
   app.add_option("--iterations", iterations, "Of each job")->check(CLI::Range(1, 1'000'000))->capture_default_str();
   app.add_option("--tolerance", tolerance, "Of the integration")->capture_default_str();
   app.add_option("--workload", only, "Only this one, e.g. gto-geo/tuned");
+  bool only_optimisers = false;
+  OptimiserBenchOptions optimisers{.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()))};
+  app.add_flag("--optimisers", only_optimisers, "Only the optimisers at equal episodes, over drawn initial conditions");
+  app.add_option("--ics", optimisers.initial_conditions, "Of the optimisers: initial conditions of each scenario")
+      ->check(CLI::Range(1, 10'000))
+      ->capture_default_str();
+  app.add_option("--budget", optimisers.budget, "Of the optimisers: episodes for each initial condition")
+      ->check(CLI::Range(200, 100'000'000))
+      ->capture_default_str();
+  app.add_option("--ic-seed", optimisers.seed, "Of the initial conditions and searches")->capture_default_str();
   CLI11_PARSE(app, argc, argv);
+  if (only_optimisers) {
+    json compared = json::array();
+    PrintOptimisers(compared, as_json, CompareOptimisers(optimisers));
+    if (as_json) std::cout << compared.dump(1) << '\n';
+    return 0;
+  }
 
   json rows = json::array();
   bool wrong = false;

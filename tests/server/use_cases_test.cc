@@ -301,7 +301,7 @@ TEST_F(UseCasesTest, FilteredJobs) {
 
 TEST_F(UseCasesTest, AFilterThatIsNoneSaysWhatWasExpectedWhere) {
   const std::pair<std::string, std::string> cases[] = {
-      {"colour = red", "at character 1: state, scenario or labels.KEY"},
+      {"colour = red", "at character 1: state, scenario, campaign or labels.KEY"},
       {"labels. = x", "at character 1"},
       {"state", "at character 6: = or !="},
       {"state > RUNNING", "at character 7"},
