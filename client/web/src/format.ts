@@ -27,6 +27,12 @@ export function significant(value: Real | null | undefined, digits = 5): string 
   return signed(number.toFixed(Math.max(0, Math.min(6, digits - before))));
 }
 
+// In running text: no digits that say nothing. 24364, 0.7306, 10
+export function brief(value: Real | null | undefined, digits = 7): string {
+  const number = real(value);
+  return Number.isFinite(number) ? signed(String(+number.toPrecision(digits))) : significant(value);
+}
+
 export function fixed(value: Real | null | undefined, decimals: number): string {
   const number = real(value);
   if (!Number.isFinite(number)) return none;

@@ -1,5 +1,5 @@
 // Where a spacecraft is, from its modified equinoctial elements (docs/model.md), and the planes it is drawn in.
-import type { Equinoctial, TrajectorySample } from "./types";
+import type { Equinoctial, Scenario, TrajectorySample } from "./types";
 
 export type Vector = [number, number, number];
 
@@ -76,4 +76,16 @@ export function planes(target: Equinoctial): Plane[] {
     { title: "Inertial x–y", axes: ["x", "y"], project: (v) => [v[0], v[1]] },
     { title: "Inertial y–z", axes: ["y", "z"], project: (v) => [v[1], v[2]] },
   ];
+}
+
+// Of k1, and of k2 to k5; where a scenario leaves one at 0 it is the target's canonical unit.
+export function gainUnits(scenario: Scenario): { velocity_m_s: number; acceleration_m_s2: number } {
+  const mu = scenario.gravitational_parameter_km3_s2 || 398600.4418;
+  const { equinoctial, keplerian } = scenario.target;
+  const a = keplerian?.semi_major_axis_km ?? NaN;
+  const p = equinoctial?.p_km ?? a * (1 - (keplerian?.eccentricity ?? 0) ** 2);
+  return {
+    velocity_m_s: scenario.velocity_unit_m_s || 1000 * Math.sqrt(mu / p),
+    acceleration_m_s2: scenario.acceleration_unit_m_s2 || (1000 * mu) / (p * p),
+  };
 }

@@ -1,7 +1,7 @@
 // Small pieces that several views are made of.
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
-import { enumText, significant, subscript, withUnit } from "./format";
+import { brief, enumText, significant, subscript, withUnit } from "./format";
 import { type Equinoctial, type Gains, type Keplerian, type OrbitState, gainKeys } from "./types";
 
 export function State({ of, prefix = "JOB_STATE_" }: { of: string; prefix?: string }) {
@@ -101,11 +101,13 @@ const equinoctialRows: [keyof Equinoctial, string, string][] = [
 export function orbitText(state: OrbitState | null | undefined): string {
   if (!state) return "–";
   const { keplerian: k, equinoctial: e, cartesian: c } = state;
-  const list = (rows: [string, string, string][], of: object) =>
-    rows
-      .filter(([key]) => (of as Record<string, unknown>)[key] !== undefined && (of as Record<string, unknown>)[key] !== null)
-      .map(([key, name, unit]) => `${name} ${unit === "°" ? `${+((of as Record<string, number>)[key]!).toFixed(3)}°` : withUnit(significant((of as Record<string, number>)[key]!, 7), unit)}`)
+  const list = (rows: [string, string, string][], of: object) => {
+    const values = of as Record<string, number | null | undefined>;
+    return rows
+      .filter(([key]) => values[key] !== undefined && values[key] !== null)
+      .map(([key, name, unit]) => `${name} ${unit === "°" ? `${brief(values[key], 8)}°` : withUnit(brief(values[key]), unit)}`)
       .join(", ");
+  };
   if (k) return list(keplerianRows, k);
   if (e) return list(equinoctialRows, e);
   if (c) {

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { count, duration, enumText, fixed, flightTime, percent, reductionPercent, significant, utc, withUnit } from "../src/format";
+import { brief, count, duration, enumText, fixed, flightTime, percent, reductionPercent, significant, utc, withUnit } from "../src/format";
 
 test("numbers have so many significant digits, and an exponent where they are very large or small", () => {
   const cases: [number | "NaN" | "Infinity" | undefined, string][] = [
@@ -16,6 +16,12 @@ test("numbers have so many significant digits, and an exponent where they are ve
     ["Infinity", "∞"],
   ];
   for (const [value, text] of cases) assert.equal(significant(value), text);
+});
+
+test("running text has no digits that say nothing", () => {
+  assert.equal(brief(24364.0000001), "24364");
+  assert.equal(brief(-0.25), "−0.25");
+  assert.equal(brief("NaN"), "–");
 });
 
 test("fixed decimals know no negative zero", () => {

@@ -3,10 +3,11 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { ApiError, Stream, get } from "../api";
 import { Chart } from "../chart";
 import { type Flown, fly } from "../flights";
-import { count, duration, enumText, fixed, flightTime, idOf, percent, real, reductionPercent, significant, utc, withUnit } from "../format";
+import { brief, count, duration, enumText, fixed, flightTime, idOf, percent, real, reductionPercent, significant, utc, withUnit } from "../format";
 import { Rate } from "../history";
 import { JobActions } from "../job_actions";
 import { JobEvents, isTerminal } from "../job_events";
+import { gainUnits } from "../orbit";
 import { Copy, Facts, Fault, GainsLine, Progress, State, gainName, orbitText, save } from "../parts";
 import { messageOf, useTitle } from "../store";
 import { type EpisodeResult, type GainsAssessment, type Iteration, type Job, gainKeys } from "../types";
@@ -124,7 +125,7 @@ function resultRows(rho: number): Row[] {
     ["Cost J", "", (a) => real(a.result.cost), 3],
     ["Settling samples Hc", "", (a) => a.result.settling_samples, 0],
     ["Settling time", "h", (a) => a.result.settling_time_s / 3600, 2],
-    [`Fuel term ${significant(rho, 3)} Σ‖u‖`, "", (a) => rho * real(a.result.fuel_sum), 3],
+    [`Fuel term ${brief(rho)} Σ‖u‖`, "", (a) => rho * real(a.result.fuel_sum), 3],
     ["Δv to settling", "m/s", (a) => real(a.result.delta_v_to_settling_m_s), 1],
     ["Peak acceleration", "mm/s²", (a) => 1000 * real(a.result.peak_acceleration_m_s2), 3],
   ];
@@ -289,6 +290,7 @@ function Provenance({ job, live }: { job: Job; live: Live }) {
   const scenario = job.scenario_definition;
   const h = job.hyperparameters;
   const { counts, lastSeq } = live.events;
+  const units = scenario ? gainUnits(scenario) : null;
   return (
     <section aria-labelledby="provenance">
       <h2 id="provenance">Provenance</h2>
@@ -303,12 +305,12 @@ function Provenance({ job, live }: { job: Job; live: Live }) {
           { name: "Target", value: orbitText(scenario?.target) },
           { name: "Algorithm", value: `${enumText(h.algorithm, "ALGORITHM_")}, seed ${h.seed ?? "–"}` },
           { name: "M, N", value: `${count(h.iterations)} iterations, ${count(h.directions)} directions` },
-          { name: "α, σ", value: `${significant(h.step_size)}, ${significant(h.exploration_scale)}` },
+          { name: "α, σ", value: `${brief(h.step_size)}, ${brief(h.exploration_scale)}` },
           { name: "K(1)", value: <GainsLine gains={h.initial_gains} /> },
           { name: "σ of δ", value: <GainsLine gains={h.exploration_std} /> },
-          { name: "Units of the gains", value: `${significant(scenario?.velocity_unit_m_s)} m/s (K₁), ${significant(1000 * (scenario?.acceleration_unit_m_s2 ?? NaN))} mm/s² (K₂–K₅)` },
+          { name: "Units of the gains", value: units ? `${brief(units.velocity_m_s, 6)} m/s (K₁), ${brief(1000 * units.acceleration_m_s2, 6)} mm/s² (K₂–K₅)` : "–" },
           { name: "Sampling, horizon", value: `${flightTime(scenario?.sampling_period_s)}, ${count(scenario?.horizon_samples)} samples` },
-          { name: "Settled within", value: withUnit(significant(scenario?.settling_distance_km), "km") },
+          { name: "Settled within", value: withUnit(brief(scenario?.settling_distance_km), "km") },
           { name: "Created (UTC)", value: utc(job.create_time) },
           { name: "Started (UTC)", value: utc(job.start_time) },
           { name: "Ended (UTC)", value: utc(job.end_time) },

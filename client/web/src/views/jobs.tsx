@@ -157,7 +157,7 @@ export function JobsView() {
                 <th scope="col" class="number">Best J</th>
                 <th scope="col" class="number">Reduction</th>
                 <th scope="col">J</th>
-                <th scope="col">Created, UTC</th>
+                <th scope="col" class="number">Created, UTC</th>
                 <th scope="col"><span class="unseen">Actions</span></th>
               </tr>
             </thead>

@@ -15,7 +15,8 @@ import {
   valueAt,
   violationsByField,
 } from "../form";
-import { idOf, significant } from "../format";
+import { brief, idOf } from "../format";
+import { gainUnits } from "../orbit";
 import { Copy, Fault, gainName, orbitText } from "../parts";
 import { messageOf, useLoaded, useSettled, useTitle } from "../store";
 import { type Job, type Scenario, gainKeys } from "../types";
@@ -131,7 +132,7 @@ export function NewJobView() {
           </div>
           {scenario && (
             <p class="note">
-              {`Target ${orbitText(scenario.target)}. Chaser ${orbitText(scenario.chaser)}. Sampled every ${significant(scenario.sampling_period_s / 60, 3)} min, at most ${scenario.horizon_samples} times; ρ = ${significant(scenario.fuel_weight, 3)}; settled within ${significant(scenario.settling_distance_km, 3)} km.`}
+              {`Target ${orbitText(scenario.target)}. Chaser ${orbitText(scenario.chaser)}. Sampled every ${brief(scenario.sampling_period_s / 60, 4)} min, at most ${scenario.horizon_samples} times; ρ = ${brief(scenario.fuel_weight, 4)}; settled within ${brief(scenario.settling_distance_km, 4)} km.`}
             </p>
           )}
         </fieldset>
@@ -198,7 +199,7 @@ export function NewJobView() {
             )}
           </details>
           <p class="note">
-            {scenario && `K₁ is in ${significant(scenario.velocity_unit_m_s || check.resolved?.scenario_definition?.velocity_unit_m_s)} m/s, K₂ to K₅ in ${significant(1000 * (check.resolved?.scenario_definition?.acceleration_unit_m_s2 ?? scenario.acceleration_unit_m_s2))} mm/s². What is left empty takes the grey value.`}
+            {scenario && `K₁ is in ${brief(gainUnits(scenario).velocity_m_s, 5)} m/s, K₂ to K₅ in ${brief(1000 * gainUnits(scenario).acceleration_m_s2, 5)} mm/s². What is left empty takes the grey value.`}
           </p>
         </fieldset>
         {check.faults[""] && <Fault>{check.faults[""]}</Fault>}
