@@ -103,6 +103,8 @@ export class Stream<Event extends { seq: string } = JobEvent> {
     source.onopen = () => this.handlers.connected(true);
     source.onerror = () => {
       if (this.source !== source) return;
+      this.deliver(); // which may close this, where there was nothing more to tell
+      if (this.source !== source) return;
       this.handlers.connected(false);
       // CLOSED: the browser will not try again.
       if (source.readyState === EventSource.CLOSED) this.timer = window.setTimeout(() => this.open(), 2000);

@@ -127,10 +127,10 @@ export function Chart(props: ChartProps) {
     if (!made) return;
     // What was zoomed into stays.
     const all = made.data[0];
-    const zoomed =
-      all.length > 1 && (made.scales.x!.min! > all[0]! || made.scales.x!.max! < all[all.length - 1]!);
+    const { min, max } = made.scales.x!;
+    const zoomed = typeof min === "number" && typeof max === "number" && (min > all[0]! || max < all[all.length - 1]!);
     made.setData(data(), !zoomed);
-    if (zoomed) made.redraw();
+    if (zoomed) made.setScale("x", { min, max });
   }, [props.x, ...props.curves.map((c) => c.values)]);
 
   const last = props.curves.map((c) => `${c.label} ${withUnit(significant(lastOf(c.values)), c.unit ?? "")}`).join(", ");

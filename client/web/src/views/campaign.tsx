@@ -263,7 +263,8 @@ function Flights({ campaign, members }: { campaign: Campaign; members: CampaignM
   );
 }
 
-function Members({ members, iterations }: { members: CampaignMember[]; iterations: number }) {
+// best: the choice to show where there was no tuning.
+function Members({ members, iterations, best }: { members: CampaignMember[]; iterations: number; best: string }) {
   return (
     <section aria-labelledby="members">
       <h2 id="members">Initial conditions</h2>
@@ -276,15 +277,16 @@ function Members({ members, iterations }: { members: CampaignMember[]; iteration
               <th scope="col">Job</th>
               <th scope="col">Progress</th>
               <th scope="col" class="number">J, K(1)</th>
-              <th scope="col" class="number">J, K*</th>
+              <th scope="col">Gains</th>
+              <th scope="col" class="number">J</th>
               <th scope="col" class="number">Reduction</th>
-              <th scope="col">K*</th>
+              <th scope="col">K₁ … K₅</th>
               <th scope="col">Initial condition</th>
             </tr>
           </thead>
           <tbody>
             {members.slice(0, shownMembers).map((m) => {
-              const after = episodeOf(m, "TUNED", "BEST", "ROBUST");
+              const after = episodeOf(m, "TUNED", "BEST", best, "ROBUST", "MEAN");
               return (
                 <tr key={keyOf(m)}>
                   <td class="number">{m.number}</td>
@@ -292,6 +294,7 @@ function Members({ members, iterations }: { members: CampaignMember[]; iteration
                   <td>{m.job ? <a href={`#/${m.job}`}><State of={m.job_state} /></a> : "–"}</td>
                   <td class="progress">{m.job ? <Progress done={m.job_state === "JOB_STATE_SUCCEEDED" ? iterations : m.completed_iterations} of={iterations} label={`Progress of ${m.number}`} /> : null}</td>
                   <td class="number">{significant(episodeOf(m, "INITIAL")?.cost)}</td>
+                  <td>{after ? choiceText(after.choice) : "–"}</td>
                   <td class="number">{significant(after?.cost)}</td>
                   <td class="number">{percent(after?.cost_reduction_percent)}</td>
                   <td>{after ? <GainsLine gains={after.gains} /> : "–"}</td>
@@ -355,7 +358,7 @@ export function CampaignView({ id }: { id: string }) {
       {results && <Comparisons results={results} over="MEMBER_ROLE_HELD_OUT" title="Over the held-out initial conditions" />}
       <Distributions campaign={campaign} members={members} />
       <Flights campaign={campaign} members={members} />
-      <Members members={members} iterations={campaign.hyperparameters.iterations ?? 1} />
+      <Members members={members} iterations={campaign.hyperparameters.iterations ?? 1} best={(results?.best_on_held_out ?? "").replace("GAINS_CHOICE_", "")} />
       <div class="grid two">
         <section aria-labelledby="provenance">
           <h2 id="provenance">Provenance</h2>
