@@ -13,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/simd/lane_kernel.h"
 #include "server/config/config.h"
+#include "server/jobs/gain_sets.h"
 #include "server/rest/server.h"
 #include "server/rpc/server.h"
 #include "storage/sqlite_store.h"
@@ -120,15 +121,20 @@ int Serve(const ServerConfig& config) {
   const std::string database = config.data_dir + "/orbitune.db";
   auto store = OpenSqliteStore({.path = database});
   if (!store.ok()) return Fail(store.status());
+  GainLibrary library;
+  if (absl::Status status = LoadLibrary((*store)->gains(), library); !status.ok()) return Fail(status);
   EventHub hub;
-  Scheduler scheduler(**store, hub, {.threads = config.threads, .max_running_jobs = config.max_running_jobs});
+  Scheduler scheduler(**store, hub,
+                      {.threads = config.threads, .max_running_jobs = config.max_running_jobs, .library = &library});
   UseCases use_cases(**store, scheduler, hub);
-  CampaignEngine campaigns(**store, (*store)->campaigns(), scheduler, hub);
+  GainUseCases gains(**store, library);
+  use_cases.set_gain_sets([&gains](const std::string& id) { return gains.WarmStartFrom(id); });
+  CampaignEngine campaigns(**store, (*store)->campaigns(), scheduler, hub, &library);
   CampaignUseCases campaign_use_cases(use_cases, (*store)->campaigns(), campaigns);
   absl::Status started = scheduler.Start();
   if (started.ok()) started = campaigns.Start();
   if (!started.ok()) return Fail(started);
-  Api api(use_cases, campaign_use_cases);
+  Api api(use_cases, campaign_use_cases, gains);
   auto rpc = RpcServer::Start(config.listen, api);
   if (!rpc.ok()) return Fail(rpc.status());
   auto http = StartHttp(config, api);

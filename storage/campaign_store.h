@@ -46,6 +46,7 @@ struct WrittenCampaign {
 struct CampaignEnd {
   CampaignStateChange change;
   std::vector<CampaignMember> evaluated;  // members with their episodes
+  std::optional<GainSet> gain_set;        // the mean of the tuned gains, where kSucceeded
 };
 
 struct CampaignQuery {

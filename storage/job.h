@@ -9,6 +9,7 @@
 #include <variant>
 #include <vector>
 
+#include "core/library/gain_set.h"
 #include "core/scenario/scenario.h"
 #include "core/search/objective.h"
 #include "core/search/search.h"
@@ -114,6 +115,7 @@ struct StateChange {
   TimeUs time_us = 0;
   std::string message;              // why, where kFailed
   std::optional<JobReport> report;  // where kSucceeded
+  std::optional<GainSet> gain_set;  // where kSucceeded; stored with the change, not read back with it
 };
 
 // One entry of a job's sequence; seq is dense from 1 (the change to kQueued at creation).

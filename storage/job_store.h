@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "storage/campaign_store.h"
+#include "storage/gain_store.h"
 #include "storage/job.h"
 
 namespace orbitune {
@@ -66,10 +67,11 @@ class JobStore {
   virtual void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
                                std::vector<double> checkpoint, Done done) = 0;
 
-  // seq: the job's last one + 1. Sets start_time at the first kRunning, end_time at a terminal state.
+  // seq: the job's last one + 1. Sets start_time at the first kRunning, end_time at a terminal state. Stores
+  // change.gain_set, if there is one, in the same commit.
   virtual void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) = 0;
 
-  // Removes the job, its events and its iterations.
+  // Removes the job, its events and its iterations; not its gain set.
   virtual void DeleteJob(const std::string& id, Done done) = 0;
 
   // NOT_FOUND if there is none; UNAVAILABLE, DATA_LOSS for a disk that fails (of every read).
@@ -97,6 +99,7 @@ class JobStore {
 
   // Lives as long as the store.
   virtual CampaignStore& campaigns() = 0;
+  virtual GainStore& gains() = 0;
 
   // Returns once every write queued before the call is committed, or the store is closed.
   virtual void Flush() = 0;

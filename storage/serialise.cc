@@ -38,6 +38,8 @@ constexpr std::array<std::string_view, 3> kNames<Schedule>{"CONSTANT", "LINEAR",
 template <>
 constexpr std::array<std::string_view, 4> kNames<Aggregate>{"MEAN", "PERCENTILE", "CVAR", "WORST"};
 template <>
+constexpr std::array<std::string_view, 4> kNames<GainSetKind>{"TUNED", "ROBUST", "MEAN", "IMPORTED"};
+template <>
 constexpr std::array<std::string_view, 6> kNames<WarningKind>{"GAIN_AT_FLOOR", "LAST_NOT_BEST", "PEAK_ACCELERATION",
                                                               "NOT_SETTLED",   "DELTA_V_ROSE",  "PAIRS_LEFT_OUT"};
 
@@ -225,6 +227,41 @@ void VisitFields(T& s, V&& visit) {
   visit("best", s.best);
   visit("warnings", s.warnings);
   visit("episodes", s.episodes);
+}
+
+template <Is<Certificate> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("gains_positive", s.gains_positive);
+  visit("domain_guaranteed", s.domain_guaranteed);
+  visit("lyapunov_decreasing", s.lyapunov_decreasing);
+  visit("settled", s.settled);
+}
+
+template <Is<Flight> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("outcome", s.outcome);
+  visit("outcome_message", s.outcome_message);
+  visit("cost", s.cost);
+  visit("settling_samples", s.settling_samples);
+  visit("settling_time_s", s.settling_time_s);
+  visit("fuel_sum", s.fuel_sum);
+  visit("delta_v_m_s", s.delta_v_m_s);
+  visit("peak_acceleration_m_s2", s.peak_acceleration_m_s2);
+  visit("certificate", s.certificate);
+}
+
+template <Is<GainSet> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("display_name", s.display_name);
+  visit("velocity_unit_m_s", s.velocity_unit_m_s);
+  visit("acceleration_unit_m_s2", s.acceleration_unit_m_s2);
+  visit("initial_condition", s.initial_condition);
+  visit("iteration", s.iteration);
+  visit("algorithm", s.algorithm);
+  visit("seed", s.seed);
+  visit("engine_version", s.engine_version);
+  visit("origin", s.origin);
+  visit("flight", s.flight);
 }
 
 template <Is<FixedValue> T, typename V>
@@ -432,6 +469,8 @@ Json Encode(const std::optional<T>& value) {
   return value ? Encode(*value) : Json();
 }
 
+std::string Dump(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+
 // ---- reading
 
 // Reads into structs and keeps the first fault met; what is read after one is of no use.
@@ -575,6 +614,10 @@ absl::StatusOr<T> FromJson(std::string_view text, const std::string& name) {
 
 }  // namespace
 
+std::string_view NameOf(Algorithm algorithm) { return kNames<Algorithm>[static_cast<std::size_t>(algorithm)]; }
+
+std::string_view NameOf(GainSetKind kind) { return kNames<GainSetKind>[static_cast<std::size_t>(kind)]; }
+
 std::string_view NameOf(JobState state) { return kNames<JobState>[static_cast<std::size_t>(state)]; }
 
 absl::StatusOr<JobState> JobStateOf(std::string_view name) {
@@ -582,6 +625,13 @@ absl::StatusOr<JobState> JobStateOf(std::string_view name) {
     if (kNames<JobState>[i] == name) return static_cast<JobState>(i);
   }
   return absl::DataLossError(absl::StrCat(FormatReceived(name), " is not the name of a job's state"));
+}
+
+absl::StatusOr<GainSetKind> GainSetKindOf(std::string_view name) {
+  for (std::size_t i = 0; i < kNames<GainSetKind>.size(); ++i) {
+    if (kNames<GainSetKind>[i] == name) return static_cast<GainSetKind>(i);
+  }
+  return absl::DataLossError(absl::StrCat(FormatReceived(name), " is not the name of a gain set's kind"));
 }
 
 absl::StatusOr<std::string> ToJson(const JobSpec& spec) {
@@ -592,13 +642,23 @@ absl::StatusOr<std::string> ToJson(const JobSpec& spec) {
   }
 }
 
-std::string ToJson(const JobReport& report) {
-  return Encode(report).dump(-1, ' ', false, Json::error_handler_t::replace);
-}
+std::string ToJson(const JobReport& report) { return Dump(Encode(report)); }
 
 absl::StatusOr<JobSpec> JobSpecFromJson(std::string_view text) { return FromJson<JobSpec>(text, "spec"); }
 
 absl::StatusOr<JobReport> JobReportFromJson(std::string_view text) { return FromJson<JobReport>(text, "report"); }
+
+std::string ToJson(const Scenario& scenario) { return Dump(Encode(scenario)); }
+
+absl::StatusOr<Scenario> ScenarioFromJson(std::string_view text) { return FromJson<Scenario>(text, "scenario"); }
+
+std::string GainSetDocument(const GainSet& set) { return Dump(Encode(set)); }
+
+absl::Status ReadGainSetDocument(std::string_view text, GainSet& set) {
+  absl::StatusOr<GainSet> read = FromJson<GainSet>(text, "gain set");
+  if (read.ok()) set = *std::move(read);
+  return read.status();
+}
 
 std::string_view NameOf(CampaignState state) { return kNames<CampaignState>[static_cast<std::size_t>(state)]; }
 

@@ -12,6 +12,8 @@ namespace orbitune {
 
 // "QUEUED", "RUNNING", ...
 std::string_view NameOf(JobState state);
+// "ARS", "CMA_ES", "NELDER_MEAD".
+std::string_view NameOf(Algorithm algorithm);
 // DATA_LOSS for any other text.
 absl::StatusOr<JobState> JobStateOf(std::string_view name);
 
@@ -25,6 +27,14 @@ std::string ToJson(const JobReport& report);
 // earlier version did not have may be missing, and is at its default then.
 absl::StatusOr<JobSpec> JobSpecFromJson(std::string_view text);
 absl::StatusOr<JobReport> JobReportFromJson(std::string_view text);
+
+// Likewise.
+std::string ToJson(const Scenario& scenario);
+absl::StatusOr<Scenario> ScenarioFromJson(std::string_view text);
+
+// Of a gain set what the columns of its table do not hold.
+std::string GainSetDocument(const GainSet& set);
+absl::Status ReadGainSetDocument(std::string_view text, GainSet& set);
 
 // Likewise of campaigns.
 std::string_view NameOf(CampaignState state);

@@ -93,8 +93,10 @@ void SqliteCampaignStore::EndCampaign(const std::string& id, std::int64_t seq, C
   std::vector<std::pair<MemberId, std::string>> episodes;
   for (const CampaignMember& member : end.evaluated) episodes.emplace_back(member.id, ToJson(member.episodes));
   Queue(
-      [id, seq, change = std::move(end.change), results_json, episodes = std::move(episodes)](CampaignTables& tables) {
+      [id, seq, change = std::move(end.change), results_json, episodes = std::move(episodes),
+       gain_set = std::move(end.gain_set)](CampaignTables& tables) {
         absl::Status status = tables.ChangeState(id, seq, change, results_json);
+        if (status.ok() && gain_set) status = tables.AddGainSet(*gain_set);
         for (const auto& [member, json] : episodes) {
           if (!status.ok()) return status;
           status = tables.WriteEpisodes(id, member, json);

@@ -35,6 +35,7 @@ class CampaignTables {
   absl::Status AppendMemberEnded(const std::string& id, std::int64_t seq, const MemberEnded& ended);
   absl::Status ChangeState(const std::string& id, std::int64_t seq, const CampaignStateChange& change,
                            const std::optional<std::string>& results_json);
+  absl::Status AddGainSet(const GainSet& set) { return jobs_.AddGainSets({set}); }
   absl::Status WriteEpisodes(const std::string& id, MemberId member, const std::string& episodes_json);
   absl::Status DeleteCampaign(const std::string& id);
 

@@ -2,6 +2,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
+#include "storage/sqlite_gain_tables.h"
 #include "storage/sqlite_job_queries.h"
 
 namespace orbitune {
@@ -156,11 +157,21 @@ absl::Status JobTables::ChangeState(const std::string& id, std::int64_t seq, con
     status = connection_.Run("DELETE FROM checkpoints WHERE job = ?", head.key);
     head.checkpoint.clear();
   }
+  if (status.ok() && change.gain_set) status = InsertGainSet(connection_, *change.gain_set);
   if (!status.ok()) return status;
   head.last_seq = seq;
   head.progress_changed = true;
   return absl::OkStatus();
 }
+
+absl::Status JobTables::AddGainSets(const std::vector<GainSet>& sets) {
+  for (const GainSet& set : sets) {
+    if (absl::Status status = InsertGainSet(connection_, set); !status.ok()) return status;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status JobTables::DeleteGainSet(const std::string& id) { return RemoveGainSet(connection_, id); }
 
 absl::Status JobTables::DeleteJob(const std::string& id) {
   const absl::StatusOr<Head*> head = FindHead(id);

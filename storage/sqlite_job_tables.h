@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "storage/job_store.h"
 #include "storage/sqlite_connection.h"
@@ -21,8 +22,9 @@ struct NewJob {
   std::string request_digest;
 };
 
-// Writer thread only. A method that refuses (NOT_FOUND, ALREADY_EXISTS, INTERNAL for a seq or an id that a bug gave)
-// has written nothing. After an error of the connection the transaction must be rolled back.
+// Writer thread only, and the gain sets' tables with the jobs', for they are written together. A method that refuses
+// (NOT_FOUND, ALREADY_EXISTS, INTERNAL for a seq or an id that a bug gave) has written nothing. After an error of the
+// connection the transaction must be rolled back.
 class JobTables {
  public:
   // connection outlives this.
@@ -37,6 +39,10 @@ class JobTables {
                            const std::optional<std::string>& report_json);
   // The job's iterations stay behind, unreachable, for RemoveLeftovers.
   absl::Status DeleteJob(const std::string& id);
+
+  // As GainStore's methods of these names.
+  absl::Status AddGainSets(const std::vector<GainSet>& sets);
+  absl::Status DeleteGainSet(const std::string& id);
 
   // To be called before the commit.
   absl::Status WriteProgress();

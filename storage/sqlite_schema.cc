@@ -94,6 +94,38 @@ UPDATE iterations SET episodes = iteration * coalesce(
    WHERE job_documents.job = iterations.job), 0);
 )sql";
 
+// The gains and x(0) stand apart from the document, so that the library is read at start without it.
+constexpr std::string_view kVersion3 = R"sql(
+-- What the gain sets of one digest were flown in.
+CREATE TABLE gain_scenarios (
+  key        INTEGER PRIMARY KEY,
+  digest     TEXT NOT NULL UNIQUE,  -- SHA-256 of what a cost depends on
+  definition TEXT NOT NULL          -- JSON: a scenario with this digest
+) STRICT;
+
+-- No reference to jobs: a gain set stays when its job goes.
+CREATE TABLE gain_sets (
+  key            INTEGER PRIMARY KEY AUTOINCREMENT,
+  id             TEXT NOT NULL UNIQUE,
+  scenario       INTEGER NOT NULL REFERENCES gain_scenarios (key),
+  kind           INTEGER NOT NULL,  -- 0 tuned, 1 robust, 2 mean, 3 imported
+  k1 ANY, k2 ANY, k3 ANY, k4 ANY, k5 ANY,
+  x1 ANY, x2 ANY, x3 ANY, x4 ANY, x5 ANY, x6 ANY,  -- x(0); all NULL: for several initial conditions
+  create_time_us INTEGER NOT NULL,
+  scenario_id    TEXT NOT NULL,
+  job_id         TEXT NOT NULL,     -- '': none, here and below
+  campaign_id    TEXT NOT NULL
+) STRICT;
+CREATE INDEX gain_sets_by_create_time ON gain_sets (create_time_us, id);
+CREATE INDEX gain_sets_by_scenario ON gain_sets (scenario_id, create_time_us, id);
+CREATE INDEX gain_sets_by_campaign ON gain_sets (campaign_id, create_time_us, id) WHERE campaign_id <> '';
+
+CREATE TABLE gain_documents (
+  gain_set INTEGER PRIMARY KEY REFERENCES gain_sets (key) ON DELETE CASCADE,
+  document TEXT NOT NULL  -- JSON: names, units, initial condition, provenance, what flying it came to
+) STRICT;
+)sql";
+
 // The indexes on jobs are made anew because lists leave the jobs of campaigns out.
 constexpr std::string_view kVersion4 = R"sql(
 ALTER TABLE jobs ADD COLUMN campaign TEXT;  -- campaigns.id, where the job is part of one
@@ -149,7 +181,7 @@ CREATE TABLE campaign_requests (
 ) STRICT, WITHOUT ROWID;
 )sql";
 
-constexpr std::array kMigrations{kVersion1, kVersion2, kVersion4};
+constexpr std::array kMigrations{kVersion1, kVersion2, kVersion3, kVersion4};
 
 absl::StatusOr<bool> IsEmpty(Connection& connection) {
   const auto objects = connection.QueryInt("SELECT count(*) FROM sqlite_schema");

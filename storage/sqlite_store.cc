@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
 #include "storage/sqlite_campaign_store.h"
+#include "storage/sqlite_gain_tables.h"
 #include "storage/sqlite_job_queries.h"
 #include "storage/sqlite_list_query.h"
 #include "storage/sqlite_lock.h"
@@ -16,6 +17,32 @@
 namespace orbitune {
 namespace {
 
+class SqliteGainStore final : public GainStore {
+ public:
+  SqliteGainStore(SqliteReaderPool& readers, SqliteWriter& writer) : readers_(readers), writer_(writer) {}
+
+  void AddGainSets(std::vector<GainSet> sets, Done done) override {
+    writer_.Queue({.apply = [sets = std::move(sets)](JobTables& tables) { return tables.AddGainSets(sets); },
+                   .answer = std::move(done)});
+  }
+  void DeleteGainSet(const std::string& id, Done done) override {
+    writer_.Queue({.apply = [id](JobTables& tables) { return tables.DeleteGainSet(id); }, .answer = std::move(done)});
+  }
+  absl::StatusOr<GainSet> GetGainSet(const std::string& id) const override {
+    return readers_.Run([&](Connection& connection) { return ReadGainSet(connection, id); });
+  }
+  absl::StatusOr<std::vector<GainSet>> ListGainSets(const GainSetQuery& query) const override {
+    return readers_.Run([&](Connection& connection) { return ReadGainSets(connection, query); });
+  }
+  absl::Status ReadLibrary(const Shelf& shelf) const override {
+    return readers_.Run([&](Connection& connection) { return ReadGainLibrary(connection, shelf); });
+  }
+
+ private:
+  SqliteReaderPool& readers_;
+  SqliteWriter& writer_;
+};
+
 class SqliteStore final : public JobStore {
  public:
   SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection)
@@ -23,7 +50,8 @@ class SqliteStore final : public JobStore {
         connection_(std::move(connection)),
         readers_(connection_->path()),
         writer_(*connection_),
-        campaigns_(*connection_, writer_, readers_) {}
+        campaigns_(*connection_, writer_, readers_),
+        gains_(readers_, writer_) {}
 
   void CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id, std::string request_digest,
                  Created done) override;
@@ -42,6 +70,7 @@ class SqliteStore final : public JobStore {
                                                    int limit) const override;
 
   CampaignStore& campaigns() override { return campaigns_; }
+  GainStore& gains() override { return gains_; }
 
   void Flush() override { writer_.Flush(); }
   absl::Status ok_for_now() const override { return writer_.trouble(); }
@@ -54,6 +83,7 @@ class SqliteStore final : public JobStore {
   mutable SqliteReaderPool readers_;
   SqliteWriter writer_;
   SqliteCampaignStore campaigns_;
+  SqliteGainStore gains_;
 };
 
 void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id,

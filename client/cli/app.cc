@@ -9,6 +9,7 @@
 #include "client/cli/commands.h"
 #include "client/cli/completion.h"
 #include "client/cli/errors.h"
+#include "client/cli/gains_commands.h"
 #include "client/cli/number.h"
 #include "client/cli/session.h"
 
@@ -26,6 +27,8 @@ Examples:
   orbitune jobs --state running --label case=1
   orbitune watch JOB                                    Ctrl-C ends the watching, not the job
   orbitune history JOB -o history.csv
+  orbitune gains query --scenario leo-rendezvous --ic new.json --refine
+  orbitune gains export JOB --format c-header -o gains.h
   orbitune simulate --job JOB --which best --csv trajectory.csv
   orbitune campaign create --scenario leo-rendezvous --count 50 --seed 7 --held-out 50 --robust --watch
   orbitune report campaigns/ID -o report.html           figures and tables, in one page
@@ -355,6 +358,59 @@ void DescribeOptions(const CLI::App& app, CommandSpec& spec) {
 
 // A group of commands, as `campaign`, is described as one: its first word is one of theirs, and its options all of
 // theirs.
+void AddGainsQuery(CLI::App& gains, Run& run) {
+  const auto [app, options] = AddCommand(
+      gains, run, "query", "Which gains for this initial condition? Flies candidates from the library", RunGainsQuery);
+  AddFlight(*app, options->flight);
+  AddNumber<std::int32_t>(*app, "--max-candidates", options->max_candidates, "To fly [64]");
+  AddNumber<std::int32_t>(*app, "--max-answers", options->max_answers, "[5]");
+  app->add_flag("--refine{100}", options->refine_ms,
+                "Then search on from the best for so many milliseconds: =MS [100]");
+}
+
+void AddGainsSelection(CLI::App& app, GainsListOptions& options) {
+  AddText(app, "--filter", options.filter,
+          "Comparisons joined by AND: kind = TUNED, scenario = \"gto-geo\", job = JOB, campaign = CAMPAIGN",
+          "EXPRESSION");
+  AddText(app, "--scenario", options.scenario, "Only of this scenario", "SCENARIO");
+  AddText(app, "--kind", options.kind, "Only of this kind", "tuned|robust|mean|imported");
+  AddNumber<std::int64_t>(app, "--limit", options.limit, "At most so many, the newest; 0: all [0]");
+}
+
+void AddGainsExport(CLI::App& gains, Run& run) {
+  const auto [app, options] =
+      AddCommand(gains, run, "export", "Gain sets as CSV or JSON, or one as a C header", RunGainsExport);
+  AddText(*app, "NAME", options->which.name, "This one: ID or gainSets/ID (a job's gain set has the job's ID)",
+          "GAINS");
+  AddGainsSelection(*app, options->which);
+  AddText(*app, "--format", options->format, "[csv]", "csv|json|c-header")
+      ->check(CLI::IsMember({"csv", "json", "c-header"}).description(""));
+  AddText(*app, "--output,-o", options->output, "Into this file, which appears whole or not at all [stdout]", "FILE");
+}
+
+void AddGainsImport(CLI::App& gains, Run& run) {
+  const auto [app, options] =
+      AddCommand(gains, run, "import", "Store gain sets from a file, all or none, each flown first", RunGainsImport);
+  AddText(*app, "FILE", options->file, "What `gains export` wrote: FILE.csv or FILE.json", "FILE")->required();
+  AddText(*app, "--scenario-file", options->scenario_file, "The Scenario in JSON of those without a definition",
+          "FILE");
+  app->add_flag("--validate-only", options->validate_only, "Check and fly; store nothing");
+}
+
+void AddGains(CLI::App& program, Run& run) {
+  CLI::App& gains = *program.add_subcommand("gains", "The gain library: gains tuned before, for a new start");
+  gains.require_subcommand(1);
+  AddGainsQuery(gains, run);
+  const auto [list, options] = AddCommand(gains, run, "list", "List gain sets", RunGainsList);
+  AddGainsSelection(*list, *options);
+  const auto [show, shown] = AddCommand(gains, run, "show", "Show a gain set", RunGainsShow);
+  AddText(*show, "NAME", *shown, "ID or gainSets/ID", "GAINS")->required();
+  AddGainsExport(gains, run);
+  AddGainsImport(gains, run);
+  const auto [remove, names] = AddCommand(gains, run, "delete", "Delete gain sets", RunGainsDelete);
+  remove->add_option("NAME", *names, "ID or gainSets/ID")->type_name("GAINS")->required();
+}
+
 CommandSpec Describe(const CLI::App& app) {
   const bool program = app.get_parent() == nullptr;
   CommandSpec spec{program ? "" : app.get_name(), {}};
@@ -420,6 +476,7 @@ int RunCli(const std::vector<std::string>& arguments, const Terminal& terminal) 
   AddTransitions(program, run);
   AddSimulate(program, run);
   AddCampaign(program, run);
+  AddGains(program, run);
   AddReport(program, run);
   AddCompletion(program, run, shell);
   // Now that the commands are there, which would inherit them.

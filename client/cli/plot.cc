@@ -34,8 +34,9 @@ class Axis {
     low_ = Scale(low);
     high_ = Scale(high);
     if (log_) {
-      low_ = std::floor(low_ + 1e-9);
-      high_ = std::max(std::ceil(high_ - 1e-9), low_ + 1);
+      const double margin = std::max(0.04 * (high_ - low_), 0.05);
+      low_ -= margin;
+      high_ += margin;
     } else if (low_ == high_) {
       const double margin = low_ == 0 ? 1 : std::abs(low_) / 10;
       low_ -= margin;
@@ -50,12 +51,19 @@ class Axis {
  private:
   double Scale(double value) const { return log_ ? std::log10(value) : value; }
 
+  // Powers of ten; of an axis with hardly any, their double and fivefold, too.
   std::vector<Tick> Decades() const {
     std::vector<Tick> ticks;
+    const bool few = high_ - low_ < 2;
     const int step = std::max(1, static_cast<int>(std::lround((high_ - low_) / 6)));
-    for (double exponent = low_; exponent <= high_; exponent += step) {
-      ticks.push_back({(exponent - low_) / (high_ - low_),
-                       absl::StrFormat("10<tspan dy=\"-5\" font-size=\"9\">%d</tspan>", static_cast<int>(exponent))});
+    for (double exponent = std::floor(low_); exponent <= high_; exponent += step) {
+      for (const double times : {1.0, 2.0, 5.0}) {
+        const double at = (exponent + std::log10(times) - low_) / (high_ - low_);
+        if (at < 0 || at > 1 || (times > 1 && !few)) continue;
+        ticks.push_back(
+            {at, few ? Human(times * std::pow(10, exponent))
+                     : absl::StrFormat("10<tspan dy=\"-5\" font-size=\"9\">%d</tspan>", static_cast<int>(exponent))});
+      }
     }
     return ticks;
   }
@@ -102,8 +110,8 @@ class Drawing {
     absl::StrAppendFormat(&svg_, "<svg viewBox=\"0 0 %g %d\" role=\"img\" aria-label=\"%s\">\n", kWidth, plot_.height,
                           EscapeXml(plot_.title));
     DrawAxes();
-    for (const PlotLevel& level : plot_.levels) DrawLevel(level);
     for (const PlotSeries& series : plot_.series) DrawSeries(series, points_per_line);
+    for (const PlotLevel& level : plot_.levels) DrawLevel(level);
     DrawLegend();
     return absl::StrCat(svg_, "</svg>\n");
   }

@@ -43,7 +43,7 @@ svg .axis { stroke: var(--soft); stroke-width: 1; }
 svg .before { stroke: var(--before); } svg .after { stroke: var(--after); } svg .best { stroke: var(--best); }
 svg .mean { stroke: var(--mean); stroke-width: 2; } svg .robust { stroke: var(--robust); stroke-width: 2; }
 svg .limit { stroke: var(--soft); stroke-dasharray: 5 4; }
-svg .many { stroke-width: .8; opacity: .55; }
+svg path.many { stroke-width: .8; opacity: .55; }
 svg .k1 { stroke: var(--k1); } svg .k2 { stroke: var(--k2); } svg .k3 { stroke: var(--k3); }
 svg .k4 { stroke: var(--k4); } svg .k5 { stroke: var(--k5); }
 div.scroll { overflow-x: auto; }

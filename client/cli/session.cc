@@ -9,7 +9,7 @@
 namespace orbitune::cli {
 namespace {
 
-// Calls that may be sent twice without harm: reads, and what carries a request_id.
+// Calls that may be sent twice without harm: reads, and what comes to the same when it is sent again.
 constexpr char kServiceConfig[] = R"({"methodConfig": [{
   "name": [
     {"service": "orbitune.v1.ScenarioService"},
@@ -22,7 +22,11 @@ constexpr char kServiceConfig[] = R"({"methodConfig": [{
     {"service": "orbitune.v1.CampaignService", "method": "ExtendCampaign"},
     {"service": "orbitune.v1.CampaignService", "method": "GetCampaign"},
     {"service": "orbitune.v1.CampaignService", "method": "ListCampaigns"},
-    {"service": "orbitune.v1.CampaignService", "method": "ListCampaignMembers"}],
+    {"service": "orbitune.v1.CampaignService", "method": "ListCampaignMembers"},
+    {"service": "orbitune.v1.GainService", "method": "QueryGains"},
+    {"service": "orbitune.v1.GainService", "method": "GetGainSet"},
+    {"service": "orbitune.v1.GainService", "method": "ListGainSets"},
+    {"service": "orbitune.v1.GainService", "method": "ImportGainSets"}],
   "retryPolicy": {"maxAttempts": 3, "initialBackoff": "0.2s", "maxBackoff": "1s", "backoffMultiplier": 2,
                   "retryableStatusCodes": ["UNAVAILABLE"]}}]})";
 
@@ -45,7 +49,8 @@ std::shared_ptr<grpc::Channel> Connect(const std::string& server) {
 Session::Session(const Globals& globals, const Terminal& terminal) : globals_(globals), terminal_(terminal) {
   const std::shared_ptr<grpc::Channel> channel = Connect(globals.server);
   stubs_ = {v1::TuningService::NewStub(channel), v1::ScenarioService::NewStub(channel),
-            v1::SimulationService::NewStub(channel), v1::CampaignService::NewStub(channel)};
+            v1::SimulationService::NewStub(channel), v1::CampaignService::NewStub(channel),
+            v1::GainService::NewStub(channel)};
 }
 
 std::string Session::ServerFlag() const {

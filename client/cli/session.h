@@ -12,6 +12,7 @@
 #include "grpcpp/client_context.h"
 #include "grpcpp/support/status.h"
 #include "orbitune/v1/campaign.grpc.pb.h"
+#include "orbitune/v1/gains.grpc.pb.h"
 #include "orbitune/v1/scenario.grpc.pb.h"
 #include "orbitune/v1/simulation.grpc.pb.h"
 #include "orbitune/v1/tuning.grpc.pb.h"
@@ -54,7 +55,8 @@ class Session {
   const Globals globals_;
   const Terminal& terminal_;
   std::tuple<std::unique_ptr<v1::TuningService::Stub>, std::unique_ptr<v1::ScenarioService::Stub>,
-             std::unique_ptr<v1::SimulationService::Stub>, std::unique_ptr<v1::CampaignService::Stub>>
+             std::unique_ptr<v1::SimulationService::Stub>, std::unique_ptr<v1::CampaignService::Stub>,
+             std::unique_ptr<v1::GainService::Stub>>
       stubs_;
 };
 

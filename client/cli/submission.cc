@@ -9,6 +9,7 @@
 #include "client/cli/initial_condition.h"
 #include "client/cli/initial_condition_file.h"
 #include "client/cli/parse.h"
+#include "orbitune/v1/gains.pb.h"
 #include "orbitune/v1/simulation.pb.h"
 
 namespace orbitune::cli {
@@ -81,6 +82,7 @@ absl::Status SetFlight(const FlightOptions& options, Message* message) {
 
 template absl::Status SetFlight(const FlightOptions& options, v1::Job* message);
 template absl::Status SetFlight(const FlightOptions& options, v1::SimulateEpisodeRequest* message);
+template absl::Status SetFlight(const FlightOptions& options, v1::QueryGainsRequest* message);
 
 absl::StatusOr<v1::CreateJobRequest> BuildCreateJobRequest(const SubmitOptions& options) {
   if (options.flight.scenario.empty() && options.flight.scenario_file.empty()) {

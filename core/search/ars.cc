@@ -125,13 +125,8 @@ absl::StatusOr<IterationRecord> ArsSearch::Learn(std::span<const EpisodeResult> 
         absl::StrCat("iteration ", iteration(), ": all ", options().directions,
                      " pairs of episodes left the domain or failed, so there is no cost to improve"));
   }
-  const EpisodeResult& own = results[0];
-  IterationRecord record{.gains = gains_,
-                         .outcome = own.outcome,
-                         .cost = own.cost,
-                         .settling_samples = own.settling_samples,
-                         .fuel_sum = own.fuel_sum,
-                         .pairs_left_out = options().directions - static_cast<int>(pairs.size())};
+  IterationRecord record{.gains = gains_, .pairs_left_out = options().directions - static_cast<int>(pairs.size())};
+  SetEpisode(results[0], record);
   record.pairs_not_settled = static_cast<int>(std::ranges::count_if(pairs, [](const Pair& p) {
     return p.plus->outcome == Outcome::kNotSettled || p.minus->outcome == Outcome::kNotSettled;
   }));

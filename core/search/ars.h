@@ -16,6 +16,8 @@ class ArsSearch final : public Optimiser {
   // options valid.
   explicit ArsSearch(const SearchOptions& options);
 
+  bool first_is_for_the_record() const override { return options().plateau_stop.iterations == 0; }
+
  private:
   // 2N + 1 gains: K(i), then K+ and K- of each direction.
   void Propose(std::vector<Gains>& batch) override;

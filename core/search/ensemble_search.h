@@ -25,6 +25,11 @@ class EnsembleSearch {
   const Gains& gains(std::size_t e) const { return search_->batch()[e / initial_conditions_]; }
   std::size_t initial_condition(std::size_t e) const { return e % initial_conditions_; }
 
+  // Of episode 0, as Optimiser's.
+  bool first_is_for_the_record() const {
+    return initial_conditions_ == 1 && !objective_.relative_to_initial && search_->first_is_for_the_record();
+  }
+
   // As Optimiser's. FAILED_PRECONDITION also if a cost relative to J(K(1)) is asked for and K(1) has none, or 0.
   absl::StatusOr<IterationRecord> Update(std::span<const EpisodeResult> results);
   std::vector<double> checkpoint() const;

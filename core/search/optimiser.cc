@@ -115,10 +115,7 @@ IterationRecord RecordOfCandidates(std::span<const Gains> batch, std::span<const
     if (HasCost(r.outcome)) squares += (r.cost - sum / used) * (r.cost - sum / used);
   }
   record.gains = batch[best];
-  record.outcome = results[best].outcome;
-  record.cost = results[best].cost;
-  record.settling_samples = results[best].settling_samples;
-  record.fuel_sum = results[best].fuel_sum;
+  SetEpisode(results[best], record);
   record.cost_std = used > 0 ? std::sqrt(squares / used) : 0;
   record.pairs_left_out = static_cast<int>(results.size()) - used;
   return record;

@@ -28,6 +28,10 @@ class Optimiser {
   // Gains to simulate, each in [gain_floor, kMaxGain]; the first one of iteration 1 is K(1). Valid until Update.
   std::span<const Gains> batch() const { return batch_; }
 
+  // True if the first of batch() is flown for the record only: nothing that the search does later depends on its
+  // result, which may come late (a caller then completes the record by SetEpisode).
+  virtual bool first_is_for_the_record() const { return false; }
+
   // results[j] belongs to batch()[j]. Moves on to the next iteration and returns this one's record;
   // FAILED_PRECONDITION if there is no cost to learn from, with the search where it was.
   absl::StatusOr<IterationRecord> Update(std::span<const EpisodeResult> results);

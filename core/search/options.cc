@@ -71,7 +71,7 @@ absl::Status SearchOptions::Validate() const {
 }
 
 Gains WithinBounds(const SearchOptions& options, Gains gains) {
-  for (double& k : gains) k = std::clamp(k, options.gain_floor, SearchOptions::kMaxGain);
+  for (double& k : gains) k = std::min(std::max(k, options.gain_floor), SearchOptions::kMaxGain);
   return gains;
 }
 

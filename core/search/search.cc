@@ -19,6 +19,13 @@ bool BetterOf(const T& a, const T& b) {
 
 }  // namespace
 
+void SetEpisode(const EpisodeResult& result, IterationRecord& record) {
+  record.outcome = result.outcome;
+  record.cost = result.cost;
+  record.settling_samples = result.settling_samples;
+  record.fuel_sum = result.fuel_sum;
+}
+
 bool Identical(const IterationRecord& a, const IterationRecord& b) {
   for (std::size_t i = 0; i < a.gains.size(); ++i) {
     if (!SameBits(a.gains[i], b.gains[i])) return false;

@@ -29,6 +29,9 @@ struct IterationRecord {
   std::int64_t episodes = 0;  // flown by the search up to and with this iteration
 };
 
+// The episode under the record's K.
+void SetEpisode(const EpisodeResult& result, IterationRecord& record);
+
 // Same bits in every field; NaN equals NaN.
 bool Identical(const IterationRecord& a, const IterationRecord& b);
 

@@ -10,7 +10,7 @@
 
 namespace orbitune {
 
-inline constexpr double kDefaultIntegrationTolerance = 1e-9;
+inline constexpr double kDefaultIntegrationTolerance = 1e-8;
 // Attempts at a step before an episode counts as a numerical failure: far more than any tolerance allowed needs, but an
 // end.
 constexpr int MaxStepAttempts(int horizon_samples) { return 200'000 + 300 * horizon_samples; }

@@ -175,17 +175,27 @@ class Episode {
     return StepEnd::kAccepted;
   }
 
+  // Where the loop is stiff, h K > 1, a component's error counts (h K)^2 times: the control, which is what the cost is
+  // made of, holds it K times.
   double ErrorNorm(const State& y, double h) const {
     double size = kNegligible * problem_.settling_distance;
     // A longitude error of whole turns is none.
     size = std::max({size, std::abs(2 * std::sin(y_[0] / 2)), std::abs(2 * std::sin(y[0] / 2))});
     for (std::size_t i = 1; i < kLongitude; ++i) size = std::max({size, std::abs(y_[i]), std::abs(y[i])});
+    const auto stiffness = [h](double gain) { return std::max(1.0, h * gain * h * gain); };
+    const double hx = y[4] + problem_.target.hx, hy = y[5] + problem_.target.hy;
+    const double half =
+        (1 + hx * hx + hy * hy) / (2 * InverseRadius(ErrorOf(y), PhaseOf(y)) * (1 + y[1]));  // |(H5, H6)|
+    const double at_normal = stiffness(gains_.k5 * half * half);
+    const double weight[] = {1,        stiffness(gains_.k2), 1, stiffness(std::max(gains_.k3, gains_.k4)), at_normal,
+                             at_normal};
     double largest = 0;
     double sum = 0;
     for (std::size_t i = 0; i <= kLongitude; ++i) {
       double error = 0;
       for (std::size_t j = 0; j < kStages; ++j) error += kError[j] * rates_[j][i];
-      largest = std::max(largest, std::abs(h * error) / (problem_.tolerance * (i == kLongitude ? 1 : size)));
+      const double relative = i == kLongitude ? error : error * weight[i] / size;
+      largest = std::max(largest, std::abs(h * relative) / problem_.tolerance);
       sum += error;
     }
     // A stage that ran away leaves an infinity or a NaN, which std::max would drop.

@@ -12,7 +12,7 @@ namespace orbitune {
 namespace {
 
 // Episodes handed to the kernel at a time, on the stack.
-constexpr std::size_t kChunk = 64;
+constexpr std::size_t kChunk = 256;
 
 simd::LaneEpisode ToLane(const BatchEpisode& episode) {
   const EpisodeProblem& p = *episode.problem;

@@ -23,114 +23,113 @@ using M = hn::Mask<D>;
 constexpr D kD;
 constexpr std::size_t kWidth = hn::MaxLanes(D());
 
-HWY_INLINE V Set(double value) { return hn::Set(kD, value); }
+// What is integrated (docs/model.md, "The closed loop as it is computed"): the sine and cosine of x1 instead of x1,
+// z = x4 - xi instead of x4, and the sine and cosine of the target's longitude L_r. No sine is computed on the way, and
+// neither is the rate of xi.
+enum Component : std::size_t { kS1, kC1, kX2, kX3, kZ, kX5, kX6, kSL, kCL, kComponents };
 
-// sin and cos of an angle of up to 1e6 rad, to 1 ulp or so: reduction to [-pi/4, pi/4] by a three-part pi/2, then the
-// Taylor series, whose first neglected term is below 2^-53 there.
-struct SinCos {
-  V sin, cos;
-};
-
-HWY_INLINE SinCos SinCosOf(V angle) {
-  const V quadrant = hn::Round(hn::Mul(angle, Set(0.63661977236758134308)));
-  V r = hn::NegMulAdd(quadrant, Set(0x1.921fb54400000p0), angle);
-  r = hn::NegMulAdd(quadrant, Set(0x1.0b4611a600000p-34), r);
-  r = hn::NegMulAdd(quadrant, Set(0x1.3198a2e037073p-69), r);
-  const V r2 = hn::Mul(r, r);
-  V s = Set(1.0 / 355687428096000.0);
-  s = hn::MulAdd(s, r2, Set(-1.0 / 1307674368000.0));
-  s = hn::MulAdd(s, r2, Set(1.0 / 6227020800.0));
-  s = hn::MulAdd(s, r2, Set(-1.0 / 39916800.0));
-  s = hn::MulAdd(s, r2, Set(1.0 / 362880.0));
-  s = hn::MulAdd(s, r2, Set(-1.0 / 5040.0));
-  s = hn::MulAdd(s, r2, Set(1.0 / 120.0));
-  s = hn::MulAdd(s, r2, Set(-1.0 / 6.0));
-  s = hn::MulAdd(hn::Mul(s, r2), r, r);
-  V c = Set(-1.0 / 6402373705728000.0);
-  c = hn::MulAdd(c, r2, Set(1.0 / 20922789888000.0));
-  c = hn::MulAdd(c, r2, Set(-1.0 / 87178291200.0));
-  c = hn::MulAdd(c, r2, Set(1.0 / 479001600.0));
-  c = hn::MulAdd(c, r2, Set(-1.0 / 3628800.0));
-  c = hn::MulAdd(c, r2, Set(1.0 / 40320.0));
-  c = hn::MulAdd(c, r2, Set(-1.0 / 720.0));
-  c = hn::MulAdd(c, r2, Set(1.0 / 24.0));
-  c = hn::MulAdd(c, r2, Set(-0.5));
-  c = hn::MulAdd(c, r2, Set(1.0));
-  const V turn = hn::NegMulAdd(Set(4.0), hn::Floor(hn::Mul(quadrant, Set(0.25))), quadrant);  // 0, 1, 2 or 3
-  const M odd = hn::Or(hn::Eq(turn, Set(1.0)), hn::Eq(turn, Set(3.0)));
-  const V sine = hn::IfThenElse(odd, c, s);
-  const V cosine = hn::IfThenElse(odd, s, c);
-  return {hn::IfThenElse(hn::Ge(turn, Set(2.0)), hn::Neg(sine), sine),
-          hn::IfThenElse(hn::Or(hn::Eq(turn, Set(1.0)), hn::Eq(turn, Set(2.0))), hn::Neg(cosine), cosine)};
-}
-
-// Within 6 %, for step sizes: the exponent and a linear mantissa.
-HWY_INLINE V RoughLog2(V x) {
-  const hn::RebindToSigned<D> di;
-  return hn::MulAdd(hn::ConvertTo(kD, hn::BitCast(di, x)), Set(0x1p-52), Set(-1023.0));
-}
-
-HWY_INLINE V RoughExp2(V x) {
-  const hn::RebindToSigned<D> di;
-  return hn::BitCast(kD, hn::ConvertTo(di, hn::Mul(hn::Add(x, Set(1023.0)), Set(0x1p52))));
-}
-
-// What is integrated: x1..x6 and the target's longitude L_r, and, within a step only, the sines and cosines of x1 and
-// L_r, which satisfy differential equations of their own: so a step of six stages needs two sincos, not twelve.
-enum Component : std::size_t { kX1, kX2, kX3, kX4, kX5, kX6, kL, kS1, kC1, kSL, kCL, kComponents };
-constexpr std::size_t kIntegrated = 7;
-
-// `kVectors` vectors of episodes side by side, which hide each other's latencies.
-template <std::size_t kVectors>
 struct Kernel {
-  static constexpr std::size_t kLanes = kWidth * kVectors;
-  using Row = double[kLanes];
+  using Row = double[kWidth];
+
+  static HWY_INLINE V Set(double value) { return hn::Set(kD, value); }
+  static HWY_INLINE V Load(const Row& row) { return hn::Load(kD, row); }
+  static HWY_INLINE void Store(V value, Row& row) { hn::Store(value, kD, row); }
+
+  // sin and cos of an angle of up to 1e6 rad, to 1 ulp or so: reduction to [-pi/4, pi/4] by a three-part pi/2, then the
+  // Taylor series, whose first neglected term is below 2^-53 there.
+  struct SinCos {
+    V sin, cos;
+  };
+
+  static HWY_INLINE SinCos SinCosOf(V angle) {
+    const V quadrant = hn::Round(hn::Mul(angle, Set(0.63661977236758134308)));
+    V r = hn::NegMulAdd(quadrant, Set(0x1.921fb54400000p0), angle);
+    r = hn::NegMulAdd(quadrant, Set(0x1.0b4611a600000p-34), r);
+    r = hn::NegMulAdd(quadrant, Set(0x1.3198a2e037073p-69), r);
+    const V r2 = hn::Mul(r, r);
+    V s = Set(1.0 / 355687428096000.0);
+    s = hn::MulAdd(s, r2, Set(-1.0 / 1307674368000.0));
+    s = hn::MulAdd(s, r2, Set(1.0 / 6227020800.0));
+    s = hn::MulAdd(s, r2, Set(-1.0 / 39916800.0));
+    s = hn::MulAdd(s, r2, Set(1.0 / 362880.0));
+    s = hn::MulAdd(s, r2, Set(-1.0 / 5040.0));
+    s = hn::MulAdd(s, r2, Set(1.0 / 120.0));
+    s = hn::MulAdd(s, r2, Set(-1.0 / 6.0));
+    s = hn::MulAdd(hn::Mul(s, r2), r, r);
+    V c = Set(-1.0 / 6402373705728000.0);
+    c = hn::MulAdd(c, r2, Set(1.0 / 20922789888000.0));
+    c = hn::MulAdd(c, r2, Set(-1.0 / 87178291200.0));
+    c = hn::MulAdd(c, r2, Set(1.0 / 479001600.0));
+    c = hn::MulAdd(c, r2, Set(-1.0 / 3628800.0));
+    c = hn::MulAdd(c, r2, Set(1.0 / 40320.0));
+    c = hn::MulAdd(c, r2, Set(-1.0 / 720.0));
+    c = hn::MulAdd(c, r2, Set(1.0 / 24.0));
+    c = hn::MulAdd(c, r2, Set(-0.5));
+    c = hn::MulAdd(c, r2, Set(1.0));
+    const V turn = hn::NegMulAdd(Set(4.0), hn::Floor(hn::Mul(quadrant, Set(0.25))), quadrant);  // 0, 1, 2 or 3
+    const M odd = hn::Or(hn::Eq(turn, Set(1.0)), hn::Eq(turn, Set(3.0)));
+    const V sine = hn::IfThenElse(odd, c, s);
+    const V cosine = hn::IfThenElse(odd, s, c);
+    return {hn::IfThenElse(hn::Ge(turn, Set(2.0)), hn::Neg(sine), sine),
+            hn::IfThenElse(hn::Or(hn::Eq(turn, Set(1.0)), hn::Eq(turn, Set(2.0))), hn::Neg(cosine), cosine)};
+  }
+
+  // Within 6 %, for step sizes: the exponent and a linear mantissa.
+  static HWY_INLINE V RoughLog2(V x) {
+    const hn::RebindToSigned<D> di;
+    return hn::MulAdd(hn::ConvertTo(kD, hn::BitCast(di, x)), Set(0x1p-52), Set(-1023.0));
+  }
+
+  static HWY_INLINE V RoughExp2(V x) {
+    const hn::RebindToSigned<D> di;
+    return hn::BitCast(kD, hn::ConvertTo(di, hn::Mul(hn::Add(x, Set(1023.0)), Set(0x1p52))));
+  }
 
   // The episodes in flight, a row for each quantity, a column for each lane.
   struct alignas(64) Lanes {
     // Constant during an episode.
-    Row k1, k2, k3, k4, k5, ex, ey, hx, hy;
+    Row k1, k2, k3, k4, minus_k5, ex, ey, hx, hy;
     Row sampling_period, horizon, distance2, settled_below, control_scale, tolerance, size_floor, max_attempts;
     // At the newest accepted state.
     Row y[kComponents];
     Row rate[kComponents];             // the first stage of the next step
-    Row z, normal;                     // x4 - xi, u_h
+    Row normal, size;                  // u_h; the largest of |x|, |sin x1| for |x1|
     Row time, step, log_error, grown;  // grown: the growth that the next step may have: 1 after a rejection
     Row sample, attempts, rejected;
     // The cost so far.
     Row settling, fuel, settling_fuel, outside, first_lyapunov;
     Row end;                      // kFlying, ...
-    std::size_t episode[kLanes];  // which one a lane flies
+    std::size_t episode[kWidth];  // which one a lane flies
   };
 
   // How a lane's episode stands, as the numbers that a row holds.
   static constexpr double kFlying = 0, kAtRest = 1, kAtEdge = 2, kStuck = 3, kIdle = 4;
 
-  struct Gains5 {
-    V k1, k2, k3, k4, k5, ex, ey, hx, hy;
+  struct Constants {
+    V k1, k2, k3, k4, minus_k5, ex, ey, hx, hy;
   };
 
-  static HWY_INLINE Gains5 LoadConstants(const Lanes& l, std::size_t at) {
-    return {hn::Load(kD, l.k1 + at), hn::Load(kD, l.k2 + at), hn::Load(kD, l.k3 + at),
-            hn::Load(kD, l.k4 + at), hn::Load(kD, l.k5 + at), hn::Load(kD, l.ex + at),
-            hn::Load(kD, l.ey + at), hn::Load(kD, l.hx + at), hn::Load(kD, l.hy + at)};
+  static HWY_INLINE Constants LoadConstants(const Lanes& l) {
+    return {Load(l.k1), Load(l.k2), Load(l.k3), Load(l.k4), Load(l.minus_k5),
+            Load(l.ex), Load(l.ey), Load(l.hx), Load(l.hy)};
   }
 
   struct LoopValue {
-    V margin;     // min(a, 1 + x2): positive in the domain
-    V z, normal;  // x4 - xi, u_h
+    V margin;  // min(a, 1 + x2): positive in the domain
+    V normal;  // u_h
+    V a, q;    // 1 / r and 1 / r_r
+    V inv_f12;
+    V slope;  // (d xi / d x1) / K1
+    V half;   // |(H5, H6)|
   };
 
-  // The closed loop (core/control/control_law.cc) with u substituted: 85 operations, one division, no root, no sine.
-  // Writes dy/dt of every component to rate[.][at].
-  static HWY_INLINE LoopValue ClosedLoop(const Gains5& g, const V* HWY_RESTRICT y, Row* HWY_RESTRICT rate,
-                                         std::size_t at) {
-    const V x2 = y[kX2], x3 = y[kX3], x4 = y[kX4], x5 = y[kX5], x6 = y[kX6];
-    const V s1 = y[kS1], c1 = y[kC1], sl = y[kSL], cl = y[kCL];
+  // The closed loop (core/control/control_law.cc) with u substituted: 64 operations, one division, no root, no sine.
+  // Writes dy/dt of every component to rate[.].
+  static HWY_INLINE LoopValue ClosedLoop(const Constants& g, const V* HWY_RESTRICT y, Row* HWY_RESTRICT rate) {
+    const V s1 = y[kS1], c1 = y[kC1], x2 = y[kX2], x3 = y[kX3], z = y[kZ], x5 = y[kX5], x6 = y[kX6];
+    const V sl = y[kSL], cl = y[kCL];
     const V one = Set(1.0);
-    const V zx = hn::MulAdd(g.ex, cl, hn::Mul(g.ey, sl));
-    const V zy = hn::MulSub(g.ex, sl, hn::Mul(g.ey, cl));
-    const V q = hn::Add(one, zx);
+    const V q = hn::MulAdd(g.ex, cl, hn::MulAdd(g.ey, sl, one));
     const V n = hn::Mul(q, q);
     const V a = hn::Add(x3, q);
     const V m = hn::Add(one, x2);
@@ -139,24 +138,9 @@ struct Kernel {
     const V inv_f12 = hn::Mul(inv_a, inv_a);
     const V f12 = hn::Mul(a, a);
     const V f13 = hn::Add(a, q);
-    const V f33 = hn::Mul(f13, zy);
     const V f42 = hn::Mul(hn::Add(one, m), hn::Mul(f12, a));
-    const V damping = hn::Sub(g.k3, f33);
     const V k1s1 = hn::Mul(g.k1, s1);
-    const V xi = hn::Mul(hn::MulAdd(f13, k1s1, hn::Mul(damping, x3)), inv_f12);
-    const V rate1 = hn::MulAdd(f12, x2, hn::Mul(f13, x3));
-    const V rate3 = hn::NegMulSub(f33, x3, hn::Mul(f12, x4));
-    const V zx_rate = hn::Neg(hn::Mul(zy, n));
-    const V zy_rate = hn::Mul(zx, n);
-    const V half_f12_rate = hn::Add(rate3, zx_rate);  // over a
-    const V f13_rate = hn::Add(half_f12_rate, zx_rate);
-    const V f33_rate = hn::MulAdd(f13_rate, zy, hn::Mul(f13, zy_rate));
-    const V f13c1 = hn::Mul(f13, c1);
-    const V n_rate = hn::MulAdd(g.k1, hn::MulAdd(f13_rate, s1, hn::Mul(f13c1, rate1)),
-                                hn::NegMulAdd(f33_rate, x3, hn::Mul(damping, rate3)));
-    const V f12_rate = hn::Mul(hn::Add(a, a), half_f12_rate);
-    const V xi_rate = hn::Mul(hn::NegMulAdd(xi, f12_rate, n_rate), inv_f12);
-    const V z = hn::Sub(x4, xi);
+    const V slope = hn::Mul(hn::Mul(f13, c1), inv_f12);
 
     const V s = hn::MulAdd(s1, cl, hn::Mul(c1, sl));
     const V c = hn::NegMulAdd(s1, sl, hn::Mul(c1, cl));
@@ -166,113 +150,132 @@ struct Kernel {
     const V h5 = hn::Mul(half, c);
     const V h6 = hn::Mul(half, s);
     const V h1 = hn::Mul(inv_am, hn::NegMulAdd(hy, c, hn::Mul(hx, s)));
-    const V planar = hn::Mul(g.k1, hn::NegMulAdd(hn::Mul(z, inv_f12), f13c1, s1));
-    const V v_h = hn::MulAdd(h1, planar, hn::MulAdd(x5, h5, hn::Mul(x6, h6)));
-    const V normal = hn::Neg(hn::Mul(g.k5, v_h));
+    const V k1h1 = hn::Mul(g.k1, h1);
+    const V v_h = hn::MulAdd(k1h1, hn::NegMulAdd(z, slope, s1), hn::MulAdd(x5, h5, hn::Mul(x6, h6)));
+    const V normal = hn::Mul(g.minus_k5, v_h);
 
-    const V dx1 = hn::MulAdd(h1, normal, rate1);
-    const V dx2 = hn::Neg(hn::MulAdd(f12, k1s1, hn::MulAdd(f42, z, hn::Mul(g.k2, x2))));
-    const V dx4 = hn::MulAdd(f42, x2, hn::MulAdd(f12, x3, hn::NegMulAdd(g.k4, z, xi_rate)));
-    hn::Store(dx1, kD, rate[kX1] + at);
-    hn::Store(dx2, kD, rate[kX2] + at);
-    hn::Store(rate3, kD, rate[kX3] + at);
-    hn::Store(dx4, kD, rate[kX4] + at);
-    hn::Store(hn::Mul(h5, normal), kD, rate[kX5] + at);
-    hn::Store(hn::Mul(h6, normal), kD, rate[kX6] + at);
-    hn::Store(n, kD, rate[kL] + at);
-    hn::Store(hn::Mul(c1, dx1), kD, rate[kS1] + at);
-    hn::Store(hn::Neg(hn::Mul(s1, dx1)), kD, rate[kC1] + at);
-    hn::Store(hn::Mul(cl, n), kD, rate[kSL] + at);
-    hn::Store(hn::Neg(hn::Mul(sl, n)), kD, rate[kCL] + at);
-    return {hn::Min(a, m), z, normal};
+    const V dx1 = hn::MulAdd(f12, x2, hn::MulAdd(f13, x3, hn::Mul(h1, normal)));
+    const V xi_by_normal = hn::Mul(hn::Mul(k1h1, normal), slope);
+    Store(hn::Mul(c1, dx1), rate[kS1]);
+    Store(hn::Neg(hn::Mul(s1, dx1)), rate[kC1]);
+    Store(hn::NegMulSub(f12, k1s1, hn::MulAdd(f42, z, hn::Mul(g.k2, x2))), rate[kX2]);
+    Store(hn::NegMulSub(f13, k1s1, hn::MulAdd(f12, z, hn::Mul(g.k3, x3))), rate[kX3]);
+    Store(hn::MulAdd(f42, x2, hn::MulSub(f12, x3, hn::MulAdd(g.k4, z, xi_by_normal))), rate[kZ]);
+    Store(hn::Mul(h5, normal), rate[kX5]);
+    Store(hn::Mul(h6, normal), rate[kX6]);
+    Store(hn::Mul(cl, n), rate[kSL]);
+    Store(hn::Neg(hn::Mul(sl, n)), rate[kCL]);
+    return {hn::Min(a, m), normal, a, q, inv_f12, slope, half};
   }
 
-  // The state at y with its sines and cosines, as exact as they come.
-  static HWY_INLINE void Project(V* y) {
-    const SinCos first = SinCosOf(y[kX1]);
-    const SinCos target = SinCosOf(y[kL]);
-    y[kS1] = first.sin;
-    y[kC1] = first.cos;
-    y[kSL] = target.sin;
-    y[kCL] = target.cos;
+  // xi = (K1 f13 sin x1 + (K3 - f33) x3) / f12.
+  static HWY_INLINE V Xi(const Constants& g, const V* HWY_RESTRICT y, V a, V q, V inv_f12) {
+    const V f13 = hn::Add(a, q);
+    const V zeta_y = hn::MulSub(g.ex, y[kSL], hn::Mul(g.ey, y[kCL]));
+    const V damping = hn::NegMulAdd(f13, zeta_y, g.k3);
+    return hn::Mul(hn::MulAdd(f13, hn::Mul(g.k1, y[kS1]), hn::Mul(damping, y[kX3])), inv_f12);
   }
 
-  // Dormand and Prince 1980, RK5(4)7M, as in core/sim/scalar_simulator.cc.
+  // The largest of |x|; an error of x1 by whole turns is none: |sin x1| and 1 - cos x1 instead of |x1|.
+  static HWY_INLINE V SizeOf(const V* y, V x4) {
+    V size = hn::Max(hn::Max(hn::Abs(y[kS1]), hn::Sub(Set(1.0), y[kC1])), hn::Abs(x4));
+    for (const std::size_t i : {kX2, kX3, kX5, kX6}) size = hn::Max(size, hn::Abs(y[i]));
+    return size;
+  }
+
+  // Back to the unit circle, which a step leaves by its error e, to e^2: one Newton step for 1 / sqrt.
+  static HWY_INLINE void Normalise(V& sine, V& cosine) {
+    const V square = hn::MulAdd(sine, sine, hn::Mul(cosine, cosine));
+    const V factor = hn::NegMulAdd(Set(0.5), square, Set(1.5));
+    sine = hn::Mul(sine, factor);
+    cosine = hn::Mul(cosine, factor);
+  }
+
+  // Ch. Tsitouras, "Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying assumption",
+  // Comput. Math. Appl. 62 (2011), 770-775, table 1: seven stages, the last of which is the next step's first.
   static constexpr std::size_t kStages = 7;
   static constexpr double kA[kStages][kStages - 1] = {
       {},
-      {1.0 / 5},
-      {3.0 / 40, 9.0 / 40},
-      {44.0 / 45, -56.0 / 15, 32.0 / 9},
-      {19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729},
-      {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
-      {35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84},
+      {0.161},
+      {-0.00848065549235698854443, 0.335480655492356988544},
+      {2.89715305710549343213, -6.35944848997507484315, 4.36229543286958141102},
+      {5.32586482843925660443, -11.7488835640628278777, 7.49553934288983620830, -0.0924950663617552492565},
+      {5.86145544294642002866, -12.9209693178471092917, 8.15936789857615864318, -0.0715849732814009972245,
+       -0.0282690503940683829090},
+      {0.0964607668180652295182, 0.01, 0.479889650414499574775, 1.37900857410374189319, -3.29006951543608067990,
+       2.32471052409977398242},
   };
-  static constexpr double kE[kStages] = {71.0 / 57600,      0,          -71.0 / 16695, 71.0 / 1920,
-                                         -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
+  static constexpr double kE[kStages] = {
+      0.00178001105222577144338, 0.000816434459656746903224, -0.00788087801026199601031, 0.144711007173262907537,
+      -0.582357165452555225020,  0.458082105929186946662,    -0.0151515151515151515152};
 
-  template <std::size_t kStage>
-  static HWY_INLINE V Combine(const Row (*k)[kComponents], std::size_t component, std::size_t at) {
-    V sum = hn::Mul(Set(kA[kStage][0]), hn::Load(kD, k[0][component] + at));
-    for (std::size_t j = 1; j < kStage; ++j) {
-      if (kA[kStage][j] == 0) continue;
-      sum = hn::MulAdd(Set(kA[kStage][j]), hn::Load(kD, k[j][component] + at), sum);
-    }
-    return sum;
-  }
-
-  // What one attempt of a step needs beside the lanes: an array for each vector.
+  // What one attempt of a step needs beside the lanes.
   struct Attempt {
-    V h[kVectors], remaining_time[kVectors], next_sample_time[kVectors];
-    M last[kVectors];
-    V margin[kVectors];
+    V h, next_sample_time;
+    M last;
+    V margin;
+    LoopValue end;
+    V y[kComponents];
   };
 
   template <std::size_t kStage>
-  static HWY_INLINE void Stage(const Lanes& l, Row (*k)[kComponents], Attempt& attempt, V (*y)[kComponents], V* z,
-                               V* normal) {
-    for (std::size_t v = 0; v < kVectors; ++v) {
-      const std::size_t at = v * kWidth;
-      const std::size_t count = kStage == kStages - 1 ? kIntegrated : kComponents;
-      for (std::size_t i = 0; i < count; ++i) {
-        y[v][i] = hn::MulAdd(attempt.h[v], Combine<kStage>(k, i, at), hn::Load(kD, l.y[i] + at));
-      }
-      if (kStage == kStages - 1) Project(y[v]);
-      const LoopValue value = ClosedLoop(LoadConstants(l, at), y[v], k[kStage], at);
-      attempt.margin[v] = hn::Min(attempt.margin[v], value.margin);
-      z[v] = value.z;
-      normal[v] = value.normal;
+  static HWY_INLINE void Stage(const Lanes& l, Row (*k)[kComponents], Attempt& attempt) {
+    V* y = attempt.y;
+    for (std::size_t i = 0; i < kComponents; ++i) y[i] = Load(l.y[i]);
+    for (std::size_t j = 0; j < kStage; ++j) {
+      const V weight = hn::Mul(attempt.h, Set(kA[kStage][j]));
+      for (std::size_t i = 0; i < kComponents; ++i) y[i] = hn::MulAdd(weight, Load(k[j][i]), y[i]);
     }
+    if (kStage == kStages - 1) {
+      Normalise(y[kS1], y[kC1]);
+      Normalise(y[kSL], y[kCL]);
+    }
+    attempt.end = ClosedLoop(LoadConstants(l), y, k[kStage]);
+    attempt.margin = hn::Min(attempt.margin, attempt.end.margin);
   }
 
-  // V(x), the squared distance against epsilon^2, and ||u|| in the cost's unit, of the accepted state of vector `at`.
+  // V(x), the squared distance against epsilon^2, and ||u|| in the cost's unit, of the accepted state.
   struct SampleValue {
     V lyapunov, control;
     M outside;
   };
 
-  static HWY_INLINE SampleValue ValueAtSample(const Lanes& l, std::size_t at) {
-    const auto y = [&](Component i) HWY_ATTR { return hn::Load(kD, l.y[i] + at); };
-    const Gains5 g = LoadConstants(l, at);
+  static HWY_INLINE SampleValue ValueAtSample(const Lanes& l) {
+    const auto y = [&](Component i) HWY_ATTR { return Load(l.y[i]); };
+    const Constants g = LoadConstants(l);
     const V one = Set(1.0);
-    const V x2 = y(kX2), x3 = y(kX3), x5 = y(kX5), x6 = y(kX6), s1 = y(kS1), c1 = y(kC1), sl = y(kSL), cl = y(kCL);
-    const V z = hn::Load(kD, l.z + at);
+    const V x2 = y(kX2), x3 = y(kX3), z = y(kZ), x5 = y(kX5), x6 = y(kX6);
+    const V s1 = y(kS1), c1 = y(kC1), sl = y(kSL), cl = y(kCL);
     const V squares = hn::MulAdd(x2, x2, hn::MulAdd(x3, x3, hn::MulAdd(z, z, hn::MulAdd(x5, x5, hn::Mul(x6, x6)))));
     SampleValue value;
     value.lyapunov = hn::MulAdd(g.k1, hn::Sub(one, c1), hn::Mul(Set(0.5), squares));
 
-    // u from the closed loop's rates: x4' = f42 x2 + (f12 + f43) x3 + u_r, x2' = u_theta / a.
+    // x2' = u_theta / a; u_r cancels what is left of x4' = f42 x2 + f12 x3 - K4 z + xi', where xi' is planar.
     const V zx = hn::MulAdd(g.ex, cl, hn::Mul(g.ey, sl));
+    const V zy = hn::MulSub(g.ex, sl, hn::Mul(g.ey, cl));
     const V q = hn::Add(one, zx);
+    const V n = hn::Mul(q, q);
     const V a = hn::Add(x3, q);
     const V f12 = hn::Mul(a, a);
-    const V f42 = hn::Mul(hn::Add(Set(2.0), x2), hn::Mul(f12, a));
-    const V f12_43 = hn::MulAdd(hn::Add(a, q), zx, f12);
-    const V radial = hn::NegMulAdd(f42, x2, hn::NegMulAdd(f12_43, x3, hn::Load(kD, l.rate[kX4] + at)));
-    const V transverse = hn::Mul(a, hn::Load(kD, l.rate[kX2] + at));
-    const V normal = hn::Load(kD, l.normal + at);
+    const V inv_f12 = hn::Div(one, f12);
+    const V f13 = hn::Add(a, q);
+    const V damping = hn::NegMulAdd(f13, zy, g.k3);
+    const V xi = hn::Mul(hn::MulAdd(f13, hn::Mul(g.k1, s1), hn::Mul(damping, x3)), inv_f12);
+    const V x1_rate = hn::MulAdd(f12, x2, hn::Mul(f13, x3));
+    const V x3_rate = Load(l.rate[kX3]);
+    const V zx_rate = hn::Neg(hn::Mul(zy, n));
+    const V half_f12_rate = hn::Add(x3_rate, zx_rate);  // over a
+    const V f13_rate = hn::Add(half_f12_rate, zx_rate);
+    const V f33_rate = hn::MulAdd(f13_rate, zy, hn::Mul(f13, hn::Mul(zx, n)));
+    const V f12_rate = hn::Mul(hn::Add(a, a), half_f12_rate);
+    const V n_rate = hn::MulAdd(g.k1, hn::MulAdd(f13_rate, s1, hn::Mul(hn::Mul(f13, c1), x1_rate)),
+                                hn::NegMulAdd(f33_rate, x3, hn::Mul(damping, x3_rate)));
+    const V xi_rate = hn::Mul(hn::NegMulAdd(xi, f12_rate, n_rate), inv_f12);
+    const V radial = hn::NegMulAdd(hn::Mul(f13, zx), x3, hn::NegMulAdd(g.k4, z, xi_rate));
+    const V transverse = hn::Mul(a, Load(l.rate[kX2]));
+    const V normal = Load(l.normal);
     const V norm2 = hn::MulAdd(radial, radial, hn::MulAdd(transverse, transverse, hn::Mul(normal, normal)));
-    value.control = hn::Mul(hn::Sqrt(norm2), hn::Load(kD, l.control_scale + at));
+    value.control = hn::Mul(hn::Sqrt(norm2), Load(l.control_scale));
 
     // y <= epsilon, multiplied by both radii' and both frames' denominators: no division.
     const V s = hn::MulAdd(s1, cl, hn::Mul(c1, sl));
@@ -297,71 +300,83 @@ struct Kernel {
       distance2 = hn::MulAdd(d, d, distance2);
     }
     const V scale = hn::Mul(own_scale, reference_scale);
-    value.outside = hn::Gt(distance2, hn::Mul(hn::Load(kD, l.distance2 + at), hn::Mul(scale, scale)));
+    value.outside = hn::Gt(distance2, hn::Mul(Load(l.distance2), hn::Mul(scale, scale)));
     return value;
   }
 
   // Books a sample for the lanes of `hit`, whose counter stands at it already.
-  static HWY_INLINE void TakeSample(Lanes& l, std::size_t at, M hit) {
-    const SampleValue value = ValueAtSample(l, at);
-    const V sample = hn::Load(kD, l.sample + at);
+  static HWY_INLINE void TakeSample(Lanes& l, M hit) {
+    const SampleValue value = ValueAtSample(l);
+    const V sample = Load(l.sample);
     const V one = Set(1.0);
-    const M at_end = hn::Ge(sample, hn::Load(kD, l.horizon + at));
-    const V fuel = hn::Load(kD, l.fuel + at);
+    const M at_end = hn::Ge(sample, Load(l.horizon));
+    const V fuel = Load(l.fuel);
     const V new_fuel = hn::IfThenElse(hn::AndNot(at_end, hit), hn::Add(fuel, value.control), fuel);
     const M outside = hn::And(hit, value.outside);
-    hn::Store(new_fuel, kD, l.fuel + at);
+    Store(new_fuel, l.fuel);
     // Outside at the end: not settled, and Hc = H.
     const V settled_at = hn::IfThenElse(at_end, sample, hn::Add(sample, one));
-    hn::Store(hn::IfThenElse(outside, settled_at, hn::Load(kD, l.settling + at)), kD, l.settling + at);
-    hn::Store(hn::IfThenElse(outside, new_fuel, hn::Load(kD, l.settling_fuel + at)), kD, l.settling_fuel + at);
-    hn::Store(hn::IfThenElse(hit, hn::IfThenElseZero(value.outside, one), hn::Load(kD, l.outside + at)), kD,
-              l.outside + at);
+    Store(hn::IfThenElse(outside, settled_at, Load(l.settling)), l.settling);
+    Store(hn::IfThenElse(outside, new_fuel, Load(l.settling_fuel)), l.settling_fuel);
+    Store(hn::IfThenElse(hit, hn::IfThenElseZero(value.outside, one), Load(l.outside)), l.outside);
     const M first = hn::And(hit, hn::Eq(sample, Set(0.0)));
-    hn::Store(hn::IfThenElse(first, value.lyapunov, hn::Load(kD, l.first_lyapunov + at)), kD, l.first_lyapunov + at);
-    const M rest = hn::And(hit, hn::Or(at_end, hn::Le(value.lyapunov, hn::Load(kD, l.settled_below + at))));
+    Store(hn::IfThenElse(first, value.lyapunov, Load(l.first_lyapunov)), l.first_lyapunov);
+    const M rest = hn::And(hit, hn::Or(at_end, hn::Le(value.lyapunov, Load(l.settled_below))));
     // A control that is no number ends the episode as a failure.
     const M broken = hn::And(hit, hn::Not(hn::Lt(value.control, Set(1e300))));
-    V end = hn::Load(kD, l.end + at);
+    V end = Load(l.end);
     end = hn::IfThenElse(rest, Set(kAtRest), end);
     end = hn::IfThenElse(broken, Set(kStuck), end);
-    hn::Store(end, kD, l.end + at);
+    Store(end, l.end);
   }
 
   // As in core/sim/scalar_simulator.cc.
   static constexpr double kEdge = 1e-4;
   static constexpr double kNearEdge = 1e-2;
 
-  // Decides each lane's attempt: accepts or rejects it, sets the next step size, books samples, notes ends.
-  static HWY_INLINE void Decide(Lanes& l, const Row (*k)[kComponents], const Attempt& attempt, const V* y, V z,
-                                V normal, std::size_t v) {
-    const std::size_t at = v * kWidth;
-    const auto load = [&](const Row& row) HWY_ATTR { return hn::Load(kD, row + at); };
-    const auto store = [&](V value, Row& row) HWY_ATTR { hn::Store(value, kD, row + at); };
-    const V one = Set(1.0);
-    const V h = attempt.h[v];
-
-    // A longitude error of whole turns is none: |sin x1| and 1 - cos x1 instead of |x1|.
-    V size = hn::Max(load(l.size_floor), hn::Max(hn::Abs(y[kS1]), hn::Sub(one, y[kC1])));
-    size = hn::Max(size, hn::Max(hn::Abs(load(l.y[kS1])), hn::Sub(one, load(l.y[kC1]))));
-    for (std::size_t i = kX2; i <= kX6; ++i) size = hn::Max(size, hn::Max(hn::Abs(y[i]), hn::Abs(load(l.y[i]))));
-    V squares = Set(0.0);
-    V longitude_error = Set(0.0);
-    for (std::size_t i = 0; i < kIntegrated; ++i) {
-      V error = hn::Mul(Set(kE[0]), hn::Load(kD, k[0][i] + at));
-      for (std::size_t j = 2; j < kStages; ++j) error = hn::MulAdd(Set(kE[j]), hn::Load(kD, k[j][i] + at), error);
-      if (i == kL) {
-        longitude_error = hn::Mul(error, size);
-      } else {
-        squares = hn::MulAdd(error, error, squares);
-      }
+  // The squared error of an attempt, over h^2, of x (with x4's, in which a gain K3 shows) and, relative to `size`, of
+  // L_r. Where the loop is stiff, h K > 1, a component's error counts (h K)^2 times: the control, which is what the
+  // cost is made of, holds it K times.
+  static HWY_INLINE V SquaredError(const Constants& g, const Row (*k)[kComponents], const LoopValue& loop, V h,
+                                   V size) {
+    V e[kComponents];
+    for (std::size_t i = 0; i < kComponents; ++i) {
+      e[i] = hn::Mul(Set(kE[0]), Load(k[0][i]));
+      for (std::size_t j = 1; j < kStages; ++j) e[i] = hn::MulAdd(Set(kE[j]), Load(k[j][i]), e[i]);
     }
-    squares = hn::MulAdd(longitude_error, longitude_error, squares);
+    const V x4 = hn::MulAdd(hn::Mul(loop.inv_f12, g.k3), e[kX3], hn::MulAdd(hn::Mul(g.k1, loop.slope), e[kS1], e[kZ]));
+    const auto stiffness = [&](V gain) HWY_ATTR {
+      const V rate = hn::Mul(h, gain);
+      return hn::Max(Set(1.0), hn::Mul(rate, rate));
+    };
+    const V weighted2 = hn::Mul(e[kX2], stiffness(g.k2));
+    const V weighted4 = hn::Mul(x4, stiffness(hn::Max(g.k3, g.k4)));
+    const V weight56 = stiffness(hn::Mul(g.minus_k5, hn::Mul(loop.half, loop.half)));
+    const V sum56 = hn::MulAdd(e[kX5], e[kX5], hn::Mul(e[kX6], e[kX6]));
+    const V sum_l = hn::MulAdd(e[kSL], e[kSL], hn::Mul(e[kCL], e[kCL]));
+    V sum = hn::MulAdd(e[kS1], e[kS1], hn::MulAdd(e[kC1], e[kC1], hn::Mul(e[kX3], e[kX3])));
+    sum = hn::MulAdd(weighted2, weighted2, hn::MulAdd(weighted4, weighted4, sum));
+    return hn::MulAdd(hn::Mul(weight56, weight56), sum56, hn::MulAdd(hn::Mul(size, size), sum_l, sum));
+  }
+
+  // Decides each lane's attempt: accepts or rejects it, sets the next step size, books samples, notes ends.
+  static HWY_INLINE void Decide(Lanes& l, const Row (*k)[kComponents], const Attempt& attempt) {
+    const auto load = [&](const Row& row) HWY_ATTR { return Load(row); };
+    const auto store = [&](V value, Row& row) HWY_ATTR { Store(value, row); };
+    const V one = Set(1.0);
+    const V h = attempt.h;
+    const V* y = attempt.y;
+    const LoopValue& loop = attempt.end;
+    const Constants g = LoadConstants(l);
+
+    const V new_size = SizeOf(y, hn::Add(y[kZ], Xi(g, y, loop.a, loop.q, loop.inv_f12)));
+    const V size = hn::Max(load(l.size_floor), hn::Max(new_size, load(l.size)));
+    const V squares = SquaredError(g, k, loop, h, size);
     const V scale = hn::Div(h, hn::Mul(load(l.tolerance), size));
     const V error2 = hn::Mul(squares, hn::Mul(scale, scale));
 
     const M flying = hn::Eq(load(l.end), Set(kFlying));
-    const M inside = hn::Gt(attempt.margin[v], Set(0.0));
+    const M inside = hn::Gt(attempt.margin, Set(0.0));
     const M accurate = hn::Le(error2, one);
     const M accepted = hn::And(flying, hn::And(inside, accurate));
 
@@ -387,29 +402,28 @@ struct Kernel {
     store(hn::IfThenElse(accepted, load(l.rejected), hn::Add(load(l.rejected), one)), l.rejected);
 
     const V time = load(l.time);
-    const V new_time = hn::IfThenElse(attempt.last[v], attempt.next_sample_time[v], hn::Add(time, h));
+    const V new_time = hn::IfThenElse(attempt.last, attempt.next_sample_time, hn::Add(time, h));
     store(hn::IfThenElse(accepted, new_time, time), l.time);
     for (std::size_t i = 0; i < kComponents; ++i) {
       store(hn::IfThenElse(accepted, y[i], load(l.y[i])), l.y[i]);
-      store(hn::IfThenElse(accepted, hn::Load(kD, k[kStages - 1][i] + at), load(l.rate[i])), l.rate[i]);
+      store(hn::IfThenElse(accepted, Load(k[kStages - 1][i]), load(l.rate[i])), l.rate[i]);
     }
-    store(hn::IfThenElse(accepted, z, load(l.z)), l.z);
-    store(hn::IfThenElse(accepted, normal, load(l.normal)), l.normal);
+    store(hn::IfThenElse(accepted, loop.normal, load(l.normal)), l.normal);
+    store(hn::IfThenElse(accepted, new_size, load(l.size)), l.size);
 
-    const M at_edge = hn::And(accepted, hn::Lt(attempt.margin[v], Set(kEdge)));
+    const M at_edge = hn::And(accepted, hn::Lt(attempt.margin, Set(kEdge)));
     const M stuck = hn::And(flying, hn::Or(hn::Lt(new_step, hn::Mul(Set(1e-13), hn::Max(one, time))),
                                            hn::Gt(attempts, load(l.max_attempts))));
-    const V a =
-        hn::MulAdd(load(l.ex), load(l.y[kCL]), hn::MulAdd(load(l.ey), load(l.y[kSL]), hn::Add(one, load(l.y[kX3]))));
+    const V a = hn::MulAdd(g.ex, load(l.y[kCL]), hn::MulAdd(g.ey, load(l.y[kSL]), hn::Add(one, load(l.y[kX3]))));
     const V margin = hn::Min(a, hn::Add(one, load(l.y[kX2])));
     V end = load(l.end);
     end = hn::IfThenElse(stuck, hn::IfThenElse(hn::Lt(margin, Set(kNearEdge)), Set(kAtEdge), Set(kStuck)), end);
     end = hn::IfThenElse(at_edge, Set(kAtEdge), end);
     store(end, l.end);
-    const M hit = hn::And(accepted, hn::AndNot(hn::Or(at_edge, stuck), attempt.last[v]));
+    const M hit = hn::And(accepted, hn::AndNot(hn::Or(at_edge, stuck), attempt.last));
     if (!hn::AllFalse(kD, hit)) {
       store(hn::IfThenElse(hit, hn::Add(load(l.sample), one), load(l.sample)), l.sample);
-      TakeSample(l, at, hit);
+      TakeSample(l, hit);
     }
   }
 
@@ -417,46 +431,53 @@ struct Kernel {
   static HWY_INLINE void Step(Lanes& l) {
     alignas(64) Row k[kStages][kComponents];
     Attempt attempt;
-    V y[kVectors][kComponents];
-    V z[kVectors], normal[kVectors];
-    for (std::size_t v = 0; v < kVectors; ++v) {
-      const std::size_t at = v * kWidth;
-      const V sample = hn::Load(kD, l.sample + at);
-      attempt.next_sample_time[v] = hn::Mul(hn::Add(sample, Set(1.0)), hn::Load(kD, l.sampling_period + at));
-      const V remaining = hn::Sub(attempt.next_sample_time[v], hn::Load(kD, l.time + at));
-      const V step = hn::Load(kD, l.step + at);
-      attempt.last[v] = hn::Ge(step, hn::Mul(remaining, Set(1 - 1e-10)));
-      attempt.h[v] = hn::IfThenElse(attempt.last[v], remaining, hn::Min(step, hn::Mul(remaining, Set(0.5))));
-      attempt.margin[v] = Set(1.0);
-      for (std::size_t i = 0; i < kComponents; ++i) {
-        hn::Store(hn::Load(kD, l.rate[i] + at), kD, k[0][i] + at);
-      }
+    const V sample = Load(l.sample);
+    attempt.next_sample_time = hn::Mul(hn::Add(sample, Set(1.0)), Load(l.sampling_period));
+    const V remaining = hn::Sub(attempt.next_sample_time, Load(l.time));
+    const V step = Load(l.step);
+    attempt.last = hn::Ge(step, hn::Mul(remaining, Set(1 - 1e-10)));
+    attempt.h = hn::IfThenElse(attempt.last, remaining, hn::Min(step, hn::Mul(remaining, Set(0.5))));
+    attempt.margin = Set(1.0);
+    for (std::size_t i = 0; i < kComponents; ++i) {
+      Store(Load(l.rate[i]), k[0][i]);
     }
-    Stage<1>(l, k, attempt, y, z, normal);
-    Stage<2>(l, k, attempt, y, z, normal);
-    Stage<3>(l, k, attempt, y, z, normal);
-    Stage<4>(l, k, attempt, y, z, normal);
-    Stage<5>(l, k, attempt, y, z, normal);
-    Stage<6>(l, k, attempt, y, z, normal);
-    for (std::size_t v = 0; v < kVectors; ++v) Decide(l, k, attempt, y[v], z[v], normal[v], v);
+    Stage<1>(l, k, attempt);
+    Stage<2>(l, k, attempt);
+    Stage<3>(l, k, attempt);
+    Stage<4>(l, k, attempt);
+    Stage<5>(l, k, attempt);
+    Stage<6>(l, k, attempt);
+    Decide(l, k, attempt);
   }
 
-  // Evaluates the loop at the state the lanes stand at, and books sample 0 of the `fresh` ones. The others' values come
-  // out as they were: they are a function of the state alone.
+  // Evaluates the loop where the `fresh` lanes begin, and books their sample 0. Their rows hold x1, x4 and L_r in the
+  // places of sin x1, z and sin L_r until then.
   static HWY_INLINE void Begin(Lanes& l, const Row& fresh) {
-    for (std::size_t v = 0; v < kVectors; ++v) {
-      const std::size_t at = v * kWidth;
-      const M is_fresh = hn::Ne(hn::Load(kD, fresh + at), Set(0.0));
-      if (hn::AllFalse(kD, is_fresh)) continue;
-      V y[kComponents];
-      for (std::size_t i = 0; i < kIntegrated; ++i) y[i] = hn::Load(kD, l.y[i] + at);
-      Project(y);
-      for (std::size_t i = kIntegrated; i < kComponents; ++i) hn::Store(y[i], kD, l.y[i] + at);
-      const LoopValue value = ClosedLoop(LoadConstants(l, at), y, l.rate, at);
-      hn::Store(value.z, kD, l.z + at);
-      hn::Store(value.normal, kD, l.normal + at);
-      TakeSample(l, at, is_fresh);
+    const M is_fresh = hn::Ne(Load(fresh), Set(0.0));
+    if (hn::AllFalse(kD, is_fresh)) return;
+    const auto keep = [&](V value, Row& row) HWY_ATTR { Store(hn::IfThenElse(is_fresh, value, Load(row)), row); };
+    V y[kComponents];
+    for (std::size_t i = 0; i < kComponents; ++i) y[i] = Load(l.y[i]);
+    const SinCos first = SinCosOf(y[kS1]);
+    const SinCos target = SinCosOf(y[kSL]);
+    y[kS1] = first.sin;
+    y[kC1] = first.cos;
+    y[kSL] = target.sin;
+    y[kCL] = target.cos;
+    const V x4 = y[kZ];
+    const Constants g = LoadConstants(l);
+    const V q = hn::MulAdd(g.ex, y[kCL], hn::MulAdd(g.ey, y[kSL], Set(1.0)));
+    const V a = hn::Add(y[kX3], q);
+    y[kZ] = hn::Sub(x4, Xi(g, y, a, q, hn::Div(Set(1.0), hn::Mul(a, a))));
+    alignas(64) Row rate[kComponents];
+    const LoopValue value = ClosedLoop(g, y, rate);
+    for (std::size_t i = 0; i < kComponents; ++i) {
+      keep(y[i], l.y[i]);
+      keep(Load(rate[i]), l.rate[i]);
     }
+    keep(value.normal, l.normal);
+    keep(SizeOf(y, x4), l.size);
+    TakeSample(l, is_fresh);
   }
 
   // Puts an episode into a lane.
@@ -466,7 +487,7 @@ struct Kernel {
     set(l.k2, e.k[1]);
     set(l.k3, e.k[2]);
     set(l.k4, e.k[3]);
-    set(l.k5, e.k[4]);
+    set(l.minus_k5, -e.k[4]);
     set(l.ex, e.ex);
     set(l.ey, e.ey);
     set(l.hx, e.hx);
@@ -479,8 +500,13 @@ struct Kernel {
     set(l.tolerance, e.tolerance);
     set(l.size_floor, 1e-2 * e.settling_distance);
     set(l.max_attempts, e.max_attempts);
-    for (std::size_t i = 0; i < 6; ++i) set(l.y[i], e.x[i]);
-    set(l.y[kL], e.target_longitude);
+    set(l.y[kS1], e.x[0]);
+    set(l.y[kX2], e.x[1]);
+    set(l.y[kX3], e.x[2]);
+    set(l.y[kZ], e.x[3]);
+    set(l.y[kX5], e.x[4]);
+    set(l.y[kX6], e.x[5]);
+    set(l.y[kSL], e.target_longitude);
     set(l.time, 0);
     set(l.step, e.sampling_period / 8);
     set(l.log_error, -13);
@@ -524,22 +550,18 @@ struct Kernel {
 
   // True once a lane in flight has ended.
   static HWY_INLINE bool AnyEnded(const Lanes& l) {
-    for (std::size_t at = 0; at < kLanes; at += kWidth) {
-      const V end = hn::Load(kD, l.end + at);
-      const M settled = hn::Or(hn::Eq(end, Set(kFlying)), hn::Eq(end, Set(kIdle)));
-      if (!hn::AllTrue(kD, settled)) return true;
-    }
-    return false;
+    const V end = Load(l.end);
+    return !hn::AllFalse(kD, hn::Not(hn::Or(hn::Eq(end, Set(kFlying)), hn::Eq(end, Set(kIdle)))));
   }
 
   static void Run(const LaneEpisode* episodes, LaneResult* results, std::size_t n) {
-    Lanes lanes;
+    Lanes lanes{};
     alignas(64) Row fresh;
-    for (std::size_t lane = 0; lane < kLanes; ++lane) LoadIdle(lanes, lane);
+    for (std::size_t lane = 0; lane < kWidth; ++lane) LoadIdle(lanes, lane);
     std::size_t next = 0;
     std::size_t flying = 0;
     while (true) {
-      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      for (std::size_t lane = 0; lane < kWidth; ++lane) {
         fresh[lane] = 0;
         if (lanes.end[lane] == kFlying) continue;
         if (lanes.end[lane] != kIdle) {
@@ -562,18 +584,9 @@ struct Kernel {
   }
 };
 
-// Two vectors keep the arithmetic units busy; a last few episodes more are better flown beside them than after them.
-constexpr std::size_t kUsualVectors = 2;
+inline void Run(const LaneEpisode* episodes, LaneResult* results, std::size_t n) { Kernel::Run(episodes, results, n); }
 
-inline void Run(const LaneEpisode* episodes, LaneResult* results, std::size_t n) {
-  if (n <= kWidth) return Kernel<1>::Run(episodes, results, n);
-  if (n > kUsualVectors * kWidth && n <= (kUsualVectors + 1) * kWidth) {
-    return Kernel<kUsualVectors + 1>::Run(episodes, results, n);
-  }
-  Kernel<kUsualVectors>::Run(episodes, results, n);
-}
-
-inline std::size_t Count() { return kUsualVectors * kWidth; }
+inline std::size_t Count() { return kWidth; }
 
 }  // namespace orbitune::simd::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();

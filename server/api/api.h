@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "server/api/campaigns.h"
+#include "server/api/gains.h"
 #include "server/api/scenarios.h"
 #include "server/api/simulation.h"
 #include "server/api/tuning.h"
@@ -19,7 +20,7 @@ inline constexpr int kLargestRequestBytes = 16 << 20;
 class Api {
  public:
   // Both outlive this.
-  Api(UseCases& use_cases, CampaignUseCases& campaigns);
+  Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains);
 
   const MethodTable& methods() const { return methods_; }
 
@@ -42,6 +43,7 @@ class Api {
   JobEventMessages messages_;
   TuningApi tuning_;
   CampaignApi campaigns_;
+  GainApi gains_;
   ScenarioApi scenarios_;
   SimulationApi simulation_;
   MethodTable methods_;

@@ -4,6 +4,22 @@
 
 namespace orbitune {
 
+Executor& Executors::For(Work work) {
+  switch (work) {
+    case Work::kRead:
+      return reads_;
+    case Work::kWrite:
+      return writes_;
+    case Work::kQuery:
+      return queries_;
+    case Work::kEpisode:
+      return episodes_;
+    case Work::kStream:
+      return streams_;
+  }
+  return reads_;
+}
+
 Executor::Executor(int threads, std::size_t most_queued) : most_queued_(most_queued) {
   for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Loop(); });
 }

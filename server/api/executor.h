@@ -38,17 +38,20 @@ class Executor {
 };
 
 // What a call keeps busy, and with it how long it may.
-enum class Work { kRead, kWrite, kEpisode };
+enum class Work { kRead, kWrite, kQuery, kEpisode, kStream };
 
-// Threads by how long their work may block: neither a disk that hangs nor a long episode keeps a read waiting.
+// Threads by how long their work may block: neither a disk that hangs nor a long episode keeps a read waiting,
+// and however many watch, others are answered.
 class Executors {
  public:
-  Executor& For(Work work) { return work == Work::kRead ? reads_ : work == Work::kWrite ? writes_ : episodes_; }
+  Executor& For(Work work);
 
  private:
   Executor reads_{4, 10'000};
   Executor writes_{4, 10'000};
+  Executor queries_{2, 1'000};  // of milliseconds
   Executor episodes_{2, 256};
+  Executor streams_{2, 10'000};
 };
 
 }  // namespace orbitune

@@ -57,7 +57,7 @@ class JobFeed final : public Feed {
 
  private:
   void Post(void (JobFeed::*task)()) {
-    context_.executors.For(Work::kRead).Post([self = std::static_pointer_cast<JobFeed>(shared_from_this()), task] {
+    context_.executors.For(Work::kStream).Post([self = std::static_pointer_cast<JobFeed>(shared_from_this()), task] {
       (*self.*task)();
     });
   }
@@ -131,7 +131,7 @@ class JobFeed final : public Feed {
     if (!idle_ || waking_.exchange(true)) return;
     // Not while the last holder is letting go.
     if (auto self = std::static_pointer_cast<JobFeed>(weak_from_this().lock())) {
-      context_.executors.For(Work::kRead).Post([self = std::move(self)] { self->Woken(); });
+      context_.executors.For(Work::kStream).Post([self = std::move(self)] { self->Woken(); });
     }
   }
 

@@ -39,7 +39,7 @@ class JobEventMessages {
 // What feeds of jobs share; all outlive them.
 struct JobFeedContext {
   UseCases& use_cases;
-  Executors& executors;  // for reading the store
+  Executors& executors;
   JobEventMessages& messages;
   Feeds& feeds;
 };

@@ -23,6 +23,7 @@ struct Method {
   const google::protobuf::Message* request = nullptr;  // prototypes
   const google::protobuf::Message* response = nullptr;
   Work work = Work::kRead;
+  std::function<Work(const google::protobuf::Message& request)> work_of;  // where it depends on the request; else none
   // Exactly one of the two. The messages are of the prototypes' types; `answer` may block, `open` does not.
   std::function<absl::Status(const google::protobuf::Message& request, google::protobuf::Message* response,
                              const Cancelled& cancelled)>
@@ -49,6 +50,16 @@ class MethodTable {
                                 [api, method](const Request& request, Response* response, const Cancelled& cancelled) {
                                   return (api->*method)(request, response, cancelled);
                                 });
+  }
+
+  // The threads depend on the request.
+  template <typename Api, typename Request, typename Response>
+  void Add(std::string_view name, Api* api, absl::Status (Api::*method)(const Request&, Response*, const Cancelled&),
+           Work (*work_of)(const Request&)) {
+    Add(name, Work::kRead, api, method);
+    methods_.find(name)->second.work_of = [work_of](const google::protobuf::Message& request) {
+      return work_of(static_cast<const Request&>(request));
+    };
   }
 
   template <typename Response, typename Api, typename Request>

@@ -13,11 +13,6 @@ Proto FromOrder(T value) {
   return static_cast<Proto>(static_cast<int>(value) + 1);
 }
 
-void SetTime(TimeUs time_us, google::protobuf::Timestamp* out) {
-  out->set_seconds(time_us / 1'000'000);
-  out->set_nanos(static_cast<int>(time_us % 1'000'000) * 1000);
-}
-
 void ToProto(const ReductionStatistics& s, v1::ReductionStatistics* out) {
   out->set_average(s.average);
   out->set_minimum(s.minimum);

@@ -10,20 +10,6 @@ namespace {
 
 constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 
-v1::Outcome ToProto(Outcome outcome) {
-  switch (outcome) {
-    case Outcome::kSettled:
-      return v1::OUTCOME_SETTLED;
-    case Outcome::kNotSettled:
-      return v1::OUTCOME_NOT_SETTLED;
-    case Outcome::kLeftDomain:
-      return v1::OUTCOME_LEFT_DOMAIN;
-    case Outcome::kNumericalFailure:
-      return v1::OUTCOME_NUMERICAL_FAILURE;
-  }
-  return v1::OUTCOME_UNSPECIFIED;
-}
-
 v1::WarningKind ToProto(WarningKind kind) {
   switch (kind) {
     case WarningKind::kGainAtFloor:
@@ -40,11 +26,6 @@ v1::WarningKind ToProto(WarningKind kind) {
       return v1::WARNING_KIND_PAIRS_LEFT_OUT;
   }
   return v1::WARNING_KIND_UNSPECIFIED;
-}
-
-void SetTime(TimeUs time_us, google::protobuf::Timestamp* out) {
-  out->set_seconds(time_us / 1'000'000);
-  out->set_nanos(static_cast<int>(time_us % 1'000'000) * 1000);
 }
 
 // A value an episode does not have is left at its default: the outcome tells.
@@ -120,6 +101,27 @@ void ToProto(const EpisodeSample& sample, const PreparedScenario& prepared, v1::
   out->set_distance_km(sample.distance * units.length_km);
 }
 
+}  // namespace
+
+v1::Outcome ToProto(Outcome outcome) {
+  switch (outcome) {
+    case Outcome::kSettled:
+      return v1::OUTCOME_SETTLED;
+    case Outcome::kNotSettled:
+      return v1::OUTCOME_NOT_SETTLED;
+    case Outcome::kLeftDomain:
+      return v1::OUTCOME_LEFT_DOMAIN;
+    case Outcome::kNumericalFailure:
+      return v1::OUTCOME_NUMERICAL_FAILURE;
+  }
+  return v1::OUTCOME_UNSPECIFIED;
+}
+
+void SetTime(TimeUs time_us, google::protobuf::Timestamp* out) {
+  out->set_seconds(time_us / 1'000'000);
+  out->set_nanos(static_cast<int>(time_us % 1'000'000) * 1000);
+}
+
 absl::StatusOr<ScenarioChoice> ChoiceFromProto(const std::string& name, bool has_definition,
                                                const v1::Scenario& definition) {
   ScenarioChoice choice;
@@ -135,8 +137,6 @@ absl::StatusOr<ScenarioChoice> ChoiceFromProto(const std::string& name, bool has
   }
   return choice;
 }
-
-}  // namespace
 
 v1::JobState ToProto(JobState state) {
   switch (state) {

@@ -19,5 +19,11 @@ void ToProto(const JobEvent& event, v1::WatchJobResponse* out);
 void ToProto(const EpisodeAnswer& answer, v1::SimulateEpisodeResponse* out);
 
 v1::JobState ToProto(JobState state);
+v1::Outcome ToProto(Outcome outcome);
+void SetTime(TimeUs time_us, google::protobuf::Timestamp* out);
+
+// name: scenarios/ID or "". INVALID_ARGUMENT for "scenario", and as FromProto's of a scenario.
+absl::StatusOr<ScenarioChoice> ChoiceFromProto(const std::string& name, bool has_definition,
+                                               const v1::Scenario& definition);
 
 }  // namespace orbitune

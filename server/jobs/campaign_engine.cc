@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/jobs/campaign_results.h"
+#include "server/jobs/gain_sets.h"
 #include "storage/serialise.h"
 
 namespace orbitune {
@@ -101,8 +102,9 @@ CampaignEngine::Subscription::~Subscription() {
   if (watchers->second.empty()) engine_->watchers_.erase(watchers);
 }
 
-CampaignEngine::CampaignEngine(JobStore& jobs, CampaignStore& store, Scheduler& scheduler, EventHub& hub)
-    : jobs_(jobs), store_(store), scheduler_(scheduler), hub_(hub) {
+CampaignEngine::CampaignEngine(JobStore& jobs, CampaignStore& store, Scheduler& scheduler, EventHub& hub,
+                               GainLibrary* library)
+    : jobs_(jobs), store_(store), scheduler_(scheduler), hub_(hub), library_(library) {
   hub_.SetObserver([this](const std::string& job_id, const JobEvent& event) { OnJobEvent(job_id, event); });
 }
 
@@ -243,9 +245,13 @@ void CampaignEngine::ChangeState(Entry& entry, CampaignEnd end, CampaignStore::D
   end.change.time_us = NowUs();
   entry.state = end.change.state;
   ++entry.state_changes;
+  // A campaign that is extended succeeds again, with another mean.
+  if (end.gain_set) end.gain_set->id = absl::StrCat(entry.id, "-", entry.state_changes);
+  const std::optional<GainSet> gain_set = end.gain_set;
   store_.EndCampaign(entry.id, ++entry.last_seq, std::move(end),
-                     [this, id = entry.id, done = std::move(done)](absl::Status status) {
+                     [this, id = entry.id, gain_set, done = std::move(done)](absl::Status status) {
                        if (status.ok()) {
+                         if (gain_set && library_ != nullptr) AddToLibrary({&*gain_set, 1}, *library_);
                          WakeWatchers(id);
                        } else if (!absl::IsUnavailable(status)) {
                          std::fprintf(stderr, "orbituned: campaigns/%s: a change of state was refused: %s\n",
@@ -277,6 +283,7 @@ void CampaignEngine::EvaluateLoop() {
 }
 
 std::optional<CampaignEnd> CampaignEngine::Evaluate(const Entry& entry) {
+  CampaignSpec spec;
   const auto compare = [&]() -> absl::StatusOr<CampaignOutcome> {
     const auto campaign = store_.GetCampaign(entry.id);
     if (!campaign.ok()) return campaign.status();
@@ -292,7 +299,8 @@ std::optional<CampaignEnd> CampaignEngine::Evaluate(const Entry& entry) {
       end.error_message = std::move(job->error_message);
       end.report = std::move(job->report);
     }
-    return CompareGains(campaign->spec, ended, [&entry] { return entry.unwanted.load(); });
+    spec = campaign->spec;
+    return CompareGains(spec, ended, [&entry] { return entry.unwanted.load(); });
   };
   absl::StatusOr<CampaignOutcome> outcome = compare();
   if (absl::IsUnavailable(outcome.status()) || absl::IsCancelled(outcome.status())) return std::nullopt;
@@ -300,6 +308,7 @@ std::optional<CampaignEnd> CampaignEngine::Evaluate(const Entry& entry) {
   if (outcome.ok()) {
     end.change = {.state = CampaignState::kSucceeded, .message = {}, .results = std::move(outcome->results)};
     end.evaluated = std::move(outcome->members);
+    end.gain_set = MakeMeanGainSet(entry.id, spec, *end.change.results, end.evaluated, NowUs());
   } else {
     end.change.state = CampaignState::kFailed;
     end.change.message = std::string(outcome.status().message());

@@ -43,7 +43,9 @@ class CampaignEngine {
   };
 
   // All outlive this; jobs must not be running yet. store: of the campaigns, in `jobs`' place.
-  CampaignEngine(JobStore& jobs, CampaignStore& store, Scheduler& scheduler, EventHub& hub);
+  // library: is told of every mean of gains, once it is stored; nullptr: none.
+  CampaignEngine(JobStore& jobs, CampaignStore& store, Scheduler& scheduler, EventHub& hub,
+                 GainLibrary* library = nullptr);
   CampaignEngine(const CampaignEngine&) = delete;
   CampaignEngine& operator=(const CampaignEngine&) = delete;
   ~CampaignEngine();  // stops; the scheduler must have stopped before
@@ -100,6 +102,7 @@ class CampaignEngine {
   CampaignStore& store_;
   Scheduler& scheduler_;
   EventHub& hub_;
+  GainLibrary* const library_;
 
   std::mutex transitions_;  // held through a call that changes something; before mutex_
 

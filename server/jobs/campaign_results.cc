@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "core/base/check.h"
 #include "core/sim/scalar_simulator.h"
 #include "core/simd/batch_simulator.h"
@@ -34,6 +34,17 @@ std::string_view TitleOf(GainsChoice choice) {
       return "K* of the nearest tuned one";
   }
   return "";
+}
+
+MemberEpisode ToMemberEpisode(GainsChoice choice, const GainsAssessment& assessed) {
+  const EpisodeReport& e = assessed.episode;
+  MemberEpisode episode{.choice = choice, .gains = assessed.gains, .outcome = e.outcome};
+  if (!HasCost(e.outcome)) return episode;
+  episode.cost = e.cost;
+  episode.settling_samples = e.settling_samples;
+  episode.fuel_sum = e.fuel_sum;
+  episode.delta_v_to_settling_m_s = e.delta_v_to_settling_m_s;
+  return episode;
 }
 
 const MemberEpisode* Find(const CampaignMember& member, GainsChoice choice) {
@@ -173,25 +184,28 @@ std::string Settles(const GainsComparison& c) {
 }
 
 std::string Describe(const GainsComparison& c) {
-  if (c.compared == 0) return absl::StrFormat("under %s nothing can be compared, %s", TitleOf(c.choice), Settles(c));
-  return absl::StrFormat("under %s the cost is %.1f %% less than under K(1) on average, %.1f %% less at worst, %s",
-                         TitleOf(c.choice), c.cost_percent.average, c.cost_percent.minimum, Settles(c));
+  if (c.compared == 0)
+    return absl::StrFormat("under %s there is nothing to compare, %s", TitleOf(c.choice), Settles(c));
+  return absl::StrFormat("under %s the cost falls by %.1f %% on average and %.1f %% at worst, %s", TitleOf(c.choice),
+                         c.cost_percent.average, c.cost_percent.minimum, Settles(c));
 }
 
-std::string DescribeComparisons(const CampaignResults& results, int held_out) {
-  const MemberRole over = held_out > 0 ? MemberRole::kHeldOut : MemberRole::kTuned;
-  std::string text =
-      held_out > 0
-          ? absl::StrFormat("On the %d held-out initial conditions %s does best", held_out,
+std::string DescribeComparisons(const CampaignResults& results) {
+  const bool held_out = results.best_on_held_out.has_value();
+  const MemberRole over = held_out ? MemberRole::kHeldOut : MemberRole::kTuned;
+  std::vector<std::string> described;
+  int flown = 0;
+  for (const GainsComparison& c : results.comparisons) {
+    if (c.over != over) continue;
+    flown = std::max(flown, c.flown);
+    if (c.choice != GainsChoice::kInitial && c.choice != GainsChoice::kBest) described.push_back(Describe(c));
+  }
+  const std::string beginning =
+      held_out
+          ? absl::StrFormat("On the %d held-out initial conditions %s does best", flown,
                             TitleOf(*results.best_on_held_out))
           : "No initial conditions were held out, so how these gains do on new ones is not known. On the tuned ones";
-  std::string separator = ": ";
-  for (const GainsComparison& c : results.comparisons) {
-    if (c.over != over || c.choice == GainsChoice::kInitial || c.choice == GainsChoice::kBest) continue;
-    absl::StrAppend(&text, separator, Describe(c));
-    separator = "; ";
-  }
-  return absl::StrCat(text, ".");
+  return absl::StrCat(beginning, ": ", absl::StrJoin(described, "; "), ".");
 }
 
 std::string NameOf(const EndedMember& member) {
@@ -232,6 +246,66 @@ std::optional<Gains> RobustGains(std::span<const EndedMember> members) {
   return gains;
 }
 
+// An initial condition that gains are flown on.
+struct Entrant {
+  CampaignMember member;
+  PreparedScenario prepared;
+  const JobReport* report;  // nullptr: it has none
+};
+
+struct Field {
+  std::vector<Entrant> entrants;
+  std::vector<Gains> tuned;  // K* of the tuned ones
+  Neighbours neighbours;
+
+  // members: outlive this.
+  absl::Status Enter(const CampaignSpec& spec, std::span<const EndedMember> members) {
+    for (const EndedMember& m : members) {
+      if (m.member.id.role == MemberRole::kRobust) continue;
+      auto prepared = Prepare(spec.scenario, m.member.initial_condition);
+      if (!prepared.ok()) return prepared.status();
+      if (m.report && m.member.id.role == MemberRole::kTuned) {
+        tuned.push_back(TunedGains(*m.report, spec.scenario.search.algorithm).gains);
+        neighbours.Add(prepared->problem.initial_error, tuned.back());
+      }
+      entrants.push_back({m.member, *std::move(prepared), m.report ? &*m.report : nullptr});
+      entrants.back().member.episodes.clear();
+    }
+    neighbours.Finish();
+    return absl::OkStatus();
+  }
+
+  // Every member's episodes, in the order of GainsChoice: its own job's as they are, the others flown.
+  absl::Status Fly(const CampaignSpec& spec, const CampaignResults& results, const std::function<bool()>& cancelled) {
+    Flights flights;
+    for (Entrant& e : entrants) {
+      if (e.report != nullptr) {
+        e.member.episodes = EpisodesOf(*e.report, spec.scenario.search.algorithm);
+      } else {
+        flights.Add(GainsChoice::kInitial, spec.scenario.search.initial_gains, e.prepared, e.member);
+      }
+      flights.Add(GainsChoice::kMean, results.mean_gains, e.prepared, e.member);
+      if (results.robust_gains) flights.Add(GainsChoice::kRobust, *results.robust_gains, e.prepared, e.member);
+      if (e.member.id.role != MemberRole::kHeldOut) continue;
+      flights.Add(GainsChoice::kNearest, neighbours.Nearest(e.prepared.problem.initial_error), e.prepared, e.member);
+    }
+    return flights.Fly(cancelled);
+  }
+};
+
+void AddComparisons(std::span<const CampaignMember> members, CampaignResults& results) {
+  for (const MemberRole over : {MemberRole::kTuned, MemberRole::kHeldOut}) {
+    std::optional<GainsComparison> best;
+    for (std::size_t i = 0; i < kGainsChoices; ++i) {
+      const GainsComparison c = Compare(static_cast<GainsChoice>(i), over, members);
+      if (c.flown == 0) continue;
+      results.comparisons.push_back(c);
+      if (NeedsNoTuning(c.choice) && (!best || DoesBetter(c, *best))) best = c;
+    }
+    if (over == MemberRole::kHeldOut && best) results.best_on_held_out = best->choice;
+  }
+}
+
 }  // namespace
 
 ReductionStatistics StatisticsOf(std::vector<double> values) {
@@ -262,15 +336,10 @@ Gains MeanGains(std::span<const Gains> gains) {
   return mean;
 }
 
-MemberEpisode ToMemberEpisode(GainsChoice choice, const GainsAssessment& assessed) {
-  const EpisodeReport& e = assessed.episode;
-  MemberEpisode episode{.choice = choice, .gains = assessed.gains, .outcome = e.outcome};
-  if (!HasCost(e.outcome)) return episode;
-  episode.cost = e.cost;
-  episode.settling_samples = e.settling_samples;
-  episode.fuel_sum = e.fuel_sum;
-  episode.delta_v_to_settling_m_s = e.delta_v_to_settling_m_s;
-  return episode;
+std::vector<MemberEpisode> EpisodesOf(const JobReport& report, Algorithm algorithm) {
+  return {ToMemberEpisode(GainsChoice::kInitial, report.initial),
+          ToMemberEpisode(GainsChoice::kTuned, TunedGains(report, algorithm)),
+          ToMemberEpisode(GainsChoice::kBest, report.best)};
 }
 
 const GainsAssessment& TunedGains(const JobReport& report, Algorithm algorithm) {
@@ -279,67 +348,22 @@ const GainsAssessment& TunedGains(const JobReport& report, Algorithm algorithm) 
 
 absl::StatusOr<CampaignOutcome> CompareGains(const CampaignSpec& spec, std::span<const EndedMember> members,
                                              const std::function<bool()>& cancelled) {
-  const Algorithm algorithm = spec.scenario.search.algorithm;
-  CampaignOutcome outcome;
-  CampaignResults& results = outcome.results;
-  std::vector<PreparedScenario> prepared;
-  std::vector<const JobReport*> reports;
-  std::vector<Gains> tuned;
-  Neighbours neighbours;
-  for (const EndedMember& m : members) {
-    if (m.report) results.episodes += m.report->episodes;
-    if (m.member.id.role == MemberRole::kRobust) continue;
-    auto p = Prepare(spec.scenario, m.member.initial_condition);
-    if (!p.ok()) return p.status();
-    if (m.report && m.member.id.role == MemberRole::kTuned) {
-      tuned.push_back(TunedGains(*m.report, algorithm).gains);
-      neighbours.Add(p->problem.initial_error, tuned.back());
-    }
-    prepared.push_back(*std::move(p));
-    reports.push_back(m.report ? &*m.report : nullptr);
-    outcome.members.push_back(m.member);
-    outcome.members.back().episodes.clear();
-  }
+  Field field;
+  if (absl::Status status = field.Enter(spec, members); !status.ok()) return status;
   const std::string failures = DescribeFailures(members);
-  if (tuned.empty()) {
+  if (field.tuned.empty()) {
     return absl::FailedPreconditionError(absl::StrCat("no initial condition could be tuned. ", failures));
   }
-  neighbours.Finish();
-  results.mean_of = static_cast<int>(tuned.size());
-  results.mean_gains = MeanGains(tuned);
+  CampaignOutcome outcome;
+  CampaignResults& results = outcome.results;
+  results.mean_of = static_cast<int>(field.tuned.size());
+  results.mean_gains = MeanGains(field.tuned);
   results.robust_gains = RobustGains(members);
-
-  Flights flights;
-  int held_out = 0;
-  for (std::size_t i = 0; i < outcome.members.size(); ++i) {
-    CampaignMember& member = outcome.members[i];
-    if (const JobReport* const report = reports[i]; report != nullptr) {
-      member.episodes.push_back(ToMemberEpisode(GainsChoice::kInitial, report->initial));
-      member.episodes.push_back(ToMemberEpisode(GainsChoice::kTuned, TunedGains(*report, algorithm)));
-      member.episodes.push_back(ToMemberEpisode(GainsChoice::kBest, report->best));
-    } else {
-      flights.Add(GainsChoice::kInitial, spec.scenario.search.initial_gains, prepared[i], member);
-    }
-    flights.Add(GainsChoice::kMean, results.mean_gains, prepared[i], member);
-    if (results.robust_gains) flights.Add(GainsChoice::kRobust, *results.robust_gains, prepared[i], member);
-    if (member.id.role != MemberRole::kHeldOut) continue;
-    ++held_out;
-    flights.Add(GainsChoice::kNearest, neighbours.Nearest(prepared[i].problem.initial_error), prepared[i], member);
-  }
-  if (absl::Status status = flights.Fly(cancelled); !status.ok()) return status;
-
-  for (const MemberRole over : {MemberRole::kTuned, MemberRole::kHeldOut}) {
-    const GainsComparison* best = nullptr;
-    results.comparisons.reserve(2 * kGainsChoices);  // `best` stays valid
-    for (std::size_t i = 0; i < kGainsChoices; ++i) {
-      const GainsComparison c = Compare(static_cast<GainsChoice>(i), over, outcome.members);
-      if (c.flown == 0) continue;
-      results.comparisons.push_back(c);
-      if (NeedsNoTuning(c.choice) && (best == nullptr || DoesBetter(c, *best))) best = &results.comparisons.back();
-    }
-    if (over == MemberRole::kHeldOut && best != nullptr) results.best_on_held_out = best->choice;
-  }
-  results.conclusion = DescribeComparisons(results, held_out);
+  for (const EndedMember& m : members) results.episodes += m.report ? m.report->episodes : 0;
+  if (absl::Status status = field.Fly(spec, results, cancelled); !status.ok()) return status;
+  for (const Entrant& entrant : field.entrants) outcome.members.push_back(entrant.member);
+  AddComparisons(outcome.members, results);
+  results.conclusion = DescribeComparisons(results);
   if (!failures.empty()) absl::StrAppend(&results.conclusion, " ", failures);
   return outcome;
 }

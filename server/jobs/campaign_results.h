@@ -31,8 +31,8 @@ Gains MeanGains(std::span<const Gains> gains);
 // The gains that a job is taken to have found, K*: the paper's K(M) with ARS, else its best.
 const GainsAssessment& TunedGains(const JobReport& report, Algorithm algorithm);
 
-// What a job's report says of some gains.
-MemberEpisode ToMemberEpisode(GainsChoice choice, const GainsAssessment& assessed);
+// What a job's report says of K(1), K* and the best K.
+std::vector<MemberEpisode> EpisodesOf(const JobReport& report, Algorithm algorithm);
 
 // members: all of the campaign's, in order. Flies the episodes on the calling thread, some 10 to 500 us each; once
 // `cancelled` says so the answer is CANCELLED. FAILED_PRECONDITION where no tuned member's job succeeded, with why.

@@ -1,14 +1,16 @@
 #include "server/jobs/scheduler.h"
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
 #include "core/search/ensemble_search.h"
-#include "core/sim/scalar_simulator.h"
 #include "core/simd/batch_simulator.h"
+#include "core/simd/lane_kernel.h"
+#include "server/jobs/gain_sets.h"
 #include "server/jobs/report.h"
 #include "storage/serialise.h"
 
@@ -19,6 +21,13 @@ namespace {
 // What a job takes in its turn however large its batches, so that a small job beside it gets on, and a stop waits for
 // little; some times the lanes of the widest vector, so that they are used.
 constexpr std::size_t kLargestChunk = 64;
+
+// Iterations that take less may put episodes off; records are then late by no more than a few times this.
+constexpr std::chrono::milliseconds kQuickIteration(5);
+
+// How long a worker looks out for the next batch of a running job before it sleeps: waking costs more than most waits
+// last.
+constexpr std::chrono::microseconds kLookout(50);
 
 }  // namespace
 
@@ -42,8 +51,21 @@ absl::Status WrongState(const std::string& id, JobState state, std::string_view 
                     "JOB_STATE");
 }
 
+// What a batch brought: iterations in order, and the error that ends the search, if one does.
+struct Scheduler::BatchOutcome {
+  struct Iteration {
+    IterationRecord record;
+    std::vector<double> checkpoint;
+  };
+  std::vector<Iteration> iterations;
+  absl::Status status;
+};
+
 // One batch after the other: the search's iterations, then the report's three episodes. Everything but what `claimed`
 // and `finished` count is touched by one worker at a time: the one that ended the batch.
+//
+// Of ARS, nothing waits for the episode of K(i) itself but the record. While iterations are quick these episodes are
+// put off until there are enough of them to fill a vector: one of them alone would cost the lanes of a whole one.
 struct Scheduler::Run {
   // prepared: of each initial condition.
   explicit Run(std::vector<PreparedScenario> p) : prepared(std::move(p)) {}
@@ -60,25 +82,72 @@ struct Scheduler::Run {
   std::optional<EnsembleSearch> search;     // none in the report
   std::optional<IterationRecord> replayed;  // the first iteration must come out as this stored one
   std::vector<Gains> report_gains;
+
+  // The batch: the search's episodes but the first `put_off`, then those of `late`.
   std::vector<EpisodeResult> results;
-  std::size_t claimed = 0;
+  std::size_t searched = 0;                      // results before those of `late`
+  std::size_t put_off = 0;                       // 0 or 1
+  std::vector<BatchOutcome::Iteration> late;     // all but their own episode, which the batch flies
+  std::size_t claimed = 0;                       // put_off included
+  std::atomic<bool> lyapunov_decreasing = true;  // under the report's last gains, the best
   std::size_t finished = 0;
+  std::chrono::steady_clock::time_point begun;
+
+  std::vector<BatchOutcome::Iteration> incomplete;  // those of earlier batches that no batch flies yet
+  bool updated = false;                             // since the start
+
+  BatchEpisode EpisodeAt(std::size_t e) const {
+    if (e >= searched) return {.problem = &prepared[0].problem, .gains = late[e - searched].record.gains};
+    return {.problem = &prepared[search->initial_condition(e)].problem, .gains = search->gains(e)};
+  }
 
   // The report's episodes go the whole horizon and have their effort measured.
   void Simulate(std::size_t begin, std::size_t count) {
     const std::span<EpisodeResult> out = std::span(results).subspan(begin, count);
     if (search) {
       std::vector<BatchEpisode> episodes;
-      for (std::size_t e = begin; e < begin + count; ++e) {
-        episodes.push_back({.problem = &prepared[search->initial_condition(e)].problem, .gains = search->gains(e)});
-      }
+      for (std::size_t e = begin; e < begin + count; ++e) episodes.push_back(EpisodeAt(e));
       return SimulateBatch(episodes, out);
     }
     for (std::size_t i = 0; i < count; ++i) {
       const std::size_t e = begin + i;
-      out[i] = SimulateEpisode(prepared[e % prepared.size()].problem, report_gains[e / prepared.size()],
-                               {.early_exit = false, .measure_effort = true});
+      const WatchedEpisode episode =
+          FlyWatched(prepared[e % prepared.size()].problem, report_gains[e / prepared.size()], {.early_exit = false});
+      out[i] = episode.result;
+      if (!episode.lyapunov_decreasing && e / prepared.size() + 1 == report_gains.size()) lyapunov_decreasing = false;
     }
+  }
+
+  // After a batch of the search.
+  BatchOutcome FinishSearchBatch() {
+    BatchOutcome outcome;
+    for (std::size_t i = 0; i < late.size(); ++i) SetEpisode(results[searched + i], late[i].record);
+    outcome.iterations = std::exchange(late, {});
+    if (searched == 0) return outcome;
+    std::vector<double> checkpoint = search->checkpoint();
+    const Gains first = search->gains(0);
+    const auto record = search->Update(std::span(results).first(searched));
+    updated = true;
+    if (!record.ok()) {
+      // The message tells of the first episode.
+      if (put_off > 0) FlyAtOnce(first, results[0]);
+      for (BatchOutcome::Iteration& f : incomplete) {
+        EpisodeResult own;
+        FlyAtOnce(f.record.gains, own);
+        SetEpisode(own, f.record);
+        outcome.iterations.push_back(std::move(f));
+      }
+      incomplete.clear();
+      outcome.status = record.status();
+      return outcome;
+    }
+    (put_off > 0 ? incomplete : outcome.iterations).push_back({*record, std::move(checkpoint)});
+    return outcome;
+  }
+
+  void FlyAtOnce(const Gains& gains, EpisodeResult& result) const {
+    const BatchEpisode episode{.problem = &prepared[0].problem, .gains = gains};
+    SimulateBatch({&episode, 1}, {&result, 1});
   }
 
   // Why there is no cost under the first gains of the batch; empty if there is one.
@@ -92,10 +161,16 @@ struct Scheduler::Run {
   }
 
   void NextBatch(const JobRecord& record) {
-    if (search && !replayed && search->done()) search.reset();
+    const bool searching = search && (!updated || !search->done());
+    if (!searching && incomplete.empty()) search.reset();
+    const auto now = std::chrono::steady_clock::now();
+    put_off = searching && updated && now - begun < kQuickIteration && search->first_is_for_the_record() ? 1 : 0;
+    begun = now;
+    if (put_off == 0 || incomplete.size() >= simd::LaneCount()) late = std::exchange(incomplete, {});
     if (!search) report_gains = {record.first->gains, record.latest->gains, record.best->gains};
-    results.assign(search ? search->episodes() : report_gains.size() * prepared.size(), {});
-    claimed = finished = 0;
+    searched = searching ? search->episodes() : search ? 0 : report_gains.size() * prepared.size();
+    results.assign(searched + late.size(), {});
+    claimed = finished = put_off;
   }
 };
 
@@ -169,7 +244,7 @@ void Scheduler::Stop() {
     const std::lock_guard lock(mutex_);
     stopping_ = true;
   }
-  work_.notify_all();
+  Signal();
   for (std::thread& worker : workers_) worker.join();
   workers_.clear();
   store_.Flush();  // its callbacks point here
@@ -184,7 +259,7 @@ void Scheduler::Add(const JobRecord& created) {
     waiting_.push_back(entry);
     StartWaiting();
   }
-  work_.notify_all();
+  Signal();
 }
 
 // mutex_ held. Of one campaign only so many run at a time, so that it neither takes the whole ring nor ends all its
@@ -238,9 +313,7 @@ void Scheduler::RemoveFromRing(const Entry& entry) {
 void Scheduler::WorkerLoop() {
   Lock lock(mutex_);
   Chunk chunk;
-  while (true) {
-    work_.wait(lock, [&] { return stopping_ || NextChunk(chunk); });
-    if (stopping_) return;
+  while (AwaitChunk(chunk, lock)) {
     lock.unlock();
     chunk.run->Simulate(chunk.begin, chunk.count);
     lock.lock();
@@ -248,6 +321,28 @@ void Scheduler::WorkerLoop() {
     if (chunk.run->finished == chunk.run->results.size()) FinishBatch(chunk, lock);
     chunk = {};
   }
+}
+
+// False: the scheduler is stopping.
+bool Scheduler::AwaitChunk(Chunk& chunk, Lock& lock) {
+  while (true) {
+    if (stopping_) return false;
+    if (NextChunk(chunk)) return true;
+    const std::uint64_t seen = signals_;
+    if (!ring_.empty()) {
+      lock.unlock();
+      const auto end = std::chrono::steady_clock::now() + kLookout;
+      while (signals_ == seen && std::chrono::steady_clock::now() < end) std::this_thread::yield();
+      lock.lock();
+    }
+    work_.wait(lock, [&] { return signals_ != seen; });
+  }
+}
+
+// There may be work, or an end to it. To be called after a change under mutex_.
+void Scheduler::Signal() {
+  ++signals_;
+  work_.notify_all();
 }
 
 // mutex_ held.
@@ -258,9 +353,10 @@ bool Scheduler::NextChunk(Chunk& chunk) {
     ring_.push_back(entry);
     if (!entry->HasWork(options_)) continue;
     Run& run = *entry->run;
-    // An equal share of the batch for each worker, so that a single job has all of them.
+    // An equal share of the batch for each worker, so that a single job has all of them; in whole vectors.
     const std::size_t threads = static_cast<std::size_t>(options_.threads);
-    const std::size_t share = (run.results.size() + threads - 1) / threads;
+    const std::size_t lanes = simd::LaneCount();
+    const std::size_t share = (run.results.size() - run.put_off + threads * lanes - 1) / (threads * lanes) * lanes;
     chunk = {.entry = entry,
              .run = entry->run,
              .begin = run.claimed,
@@ -277,64 +373,70 @@ void Scheduler::FinishBatch(const Chunk& last, Lock& lock) {
   if (run.search) {
     // The run is this worker's alone: every episode is claimed.
     lock.unlock();
-    std::vector<double> checkpoint = run.search->checkpoint();
-    const auto record = run.search->Update(run.results);
+    BatchOutcome outcome = run.FinishSearchBatch();
     lock.lock();
     // Else paused or cancelled meanwhile.
-    if (entry.run == last.run) FinishIteration(entry, run, record, std::move(checkpoint));
+    if (entry.run == last.run) FinishIterations(entry, run, std::move(outcome));
   } else if (entry.run == last.run) {
     FinishReport(entry, run);
   }
-  work_.notify_all();
+  Signal();
 }
 
 // mutex_ held.
-void Scheduler::FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record,
-                                std::vector<double> checkpoint) {
+void Scheduler::FinishIterations(Entry& entry, Run& run, BatchOutcome outcome) {
   const auto fail = [&](std::string message) {
     RemoveFromRing(entry);
     ChangeState(entry, {.state = JobState::kFailed, .message = std::move(message)}, {});
     StartWaiting();
   };
-  if (!record.ok()) {
-    std::string message(record.status().message());
-    if (const std::string outcome = run.DescribeFirst(); !outcome.empty()) absl::StrAppend(&message, ". ", outcome);
-    return fail(std::move(message));
-  }
-  JobRecord& job = entry.record;
-  if (run.replayed) {
-    if (!Identical(*run.replayed, *record)) {
-      return fail(absl::StrCat("iteration ", record->iteration,
+  for (BatchOutcome::Iteration& f : outcome.iterations) {
+    if (!run.replayed) {
+      Append(entry, std::move(f.record), std::move(f.checkpoint));
+      continue;
+    }
+    if (!Identical(*run.replayed, f.record)) {
+      return fail(absl::StrCat("iteration ", f.record.iteration,
                                ", run again to go on from it, differs from the one stored: this server's numerics are "
                                "not those that the job was begun with"));
     }
     run.replayed.reset();
-  } else {
-    const EntryPtr self = entries_.at(job.id);
-    const std::int64_t seq = ++job.last_seq;
-    if (!job.first) job.first = *record;
-    if (!job.best || Better(*record, *job.best)) job.best = *record;
-    job.latest = *record;
-    job.checkpoint = checkpoint;
-    entry.pairs_left_out += record->pairs_left_out;
-    ++entry.uncommitted;
-    const auto done = [this, self, id = job.id, seq, r = *record](const absl::Status& s) {
-      if (s.ok()) {
-        hub_.Publish(id, {.seq = seq, .what = r});
-      } else {
-        Refused(self, s);
-      }
-      Committed(self);
-    };
-    store_.AppendIteration(job.id, seq, *record, std::move(checkpoint), done);
   }
-  run.NextBatch(job);
+  if (!outcome.status.ok()) {
+    std::string message(outcome.status.message());
+    if (const std::string first = run.DescribeFirst(); !first.empty()) absl::StrAppend(&message, ". ", first);
+    return fail(std::move(message));
+  }
+  run.NextBatch(entry.record);
+}
+
+// mutex_ held.
+void Scheduler::Append(Entry& entry, IterationRecord record, std::vector<double> checkpoint) {
+  JobRecord& job = entry.record;
+  const EntryPtr self = entries_.at(job.id);
+  const std::int64_t seq = ++job.last_seq;
+  if (!job.first) job.first = record;
+  if (!job.best || Better(record, *job.best)) job.best = record;
+  job.latest = record;
+  job.checkpoint = checkpoint;
+  entry.pairs_left_out += record.pairs_left_out;
+  ++entry.uncommitted;
+  const auto done = [this, self, id = job.id, seq, record](const absl::Status& s) {
+    if (s.ok()) {
+      hub_.Publish(id, {.seq = seq, .what = record});
+    } else {
+      Refused(self, s);
+    }
+    Committed(self);
+  };
+  store_.AppendIteration(job.id, seq, record, std::move(checkpoint), done);
 }
 
 // mutex_ held.
 void Scheduler::FinishReport(Entry& entry, Run& run) {
   StateChange change{.state = JobState::kSucceeded};
   change.report = BuildReport(entry.record, run.prepared, run.results, entry.pairs_left_out);
+  change.gain_set = MakeGainSet(entry.record, run.prepared.front(), *change.report, run.lyapunov_decreasing, NowUs());
   RemoveFromRing(entry);
   ChangeState(entry, std::move(change), {});
   StartWaiting();
@@ -345,7 +447,7 @@ void Scheduler::Committed(const EntryPtr& entry) {
     const std::lock_guard lock(mutex_);
     if (entry->uncommitted-- < options_.max_uncommitted_iterations) return;
   }
-  work_.notify_all();
+  Signal();
 }
 
 // A write that the store will never take: the job is let go of, as it is on disk, and taken up by the next start.
@@ -376,6 +478,7 @@ void Scheduler::ChangeState(Entry& entry, StateChange change, Done done) {
   if (job.state != JobState::kRunning) entry.run.reset();
   store_.ChangeState(job.id, seq, change, [this, job, change, done = std::move(done)](const absl::Status& status) {
     if (status.ok()) {
+      if (change.gain_set && options_.library != nullptr) AddToLibrary({&*change.gain_set, 1}, *options_.library);
       hub_.Publish(job.id, {.seq = job.last_seq, .what = change});
     } else if (!absl::IsUnavailable(status)) {
       std::fprintf(stderr, "orbituned: jobs/%s: a change of state was refused: %s\n", job.id.c_str(),
@@ -414,7 +517,7 @@ void Scheduler::Transition(const std::string& id, const std::string& etag, std::
   ChangeState(*entry, {.state = to}, std::move(done));
   StartWaiting();
   lock.unlock();
-  work_.notify_all();
+  Signal();
 }
 
 void Scheduler::Pause(const std::string& id, const std::string& etag, Done done) {

@@ -5,6 +5,7 @@
 // and a single one has all of it within an iteration. Who runs an episode, and when, never shows in a result.
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <deque>
 #include <map>
@@ -14,6 +15,7 @@
 #include <thread>
 #include <vector>
 
+#include "core/library/gain_library.h"
 #include "server/jobs/event_hub.h"
 #include "storage/job_store.h"
 
@@ -39,6 +41,7 @@ class Scheduler {
     // Of one campaign; the rest lets others pass. 0: twice the threads, at least 4.
     int max_running_of_campaign = 0;
     int max_uncommitted_iterations = 256;  // of one job; beyond, it waits for the disk
+    GainLibrary* library = nullptr;        // that is told of every gain set, once it is stored; outlives the scheduler
   };
   // The job as of the change, committed.
   using Done = std::function<void(absl::StatusOr<JobRecord>)>;
@@ -66,17 +69,20 @@ class Scheduler {
   void Cancel(const std::string& id, const std::string& etag, Done done);
 
  private:
-  struct Run;    // one stretch of execution, from a start or resume to an end or pause
+  struct Run;  // one stretch of execution, from a start or resume to an end or pause
+  struct BatchOutcome;
   struct Entry;  // an unfinished job
   struct Chunk;  // one unit of work
   using EntryPtr = std::shared_ptr<Entry>;
   using Lock = std::unique_lock<std::mutex>;
 
   void WorkerLoop();
+  bool AwaitChunk(Chunk& chunk, Lock& lock);
+  void Signal();
   bool NextChunk(Chunk& chunk);
   void FinishBatch(const Chunk& last, Lock& lock);
-  void FinishIteration(Entry& entry, Run& run, const absl::StatusOr<IterationRecord>& record,
-                       std::vector<double> checkpoint);
+  void FinishIterations(Entry& entry, Run& run, BatchOutcome outcome);
+  void Append(Entry& entry, IterationRecord record, std::vector<double> checkpoint);
   void FinishReport(Entry& entry, Run& run);
   void StartWaiting();
   void Begin(Entry& entry);
@@ -98,6 +104,8 @@ class Scheduler {
   std::deque<EntryPtr> waiting_;  // kQueued, in order
   std::deque<EntryPtr> ring_;     // kRunning; the front is served next
   bool stopping_ = false;
+  // Counts signals; written under mutex_ or not, read while waiting for one.
+  std::atomic<std::uint64_t> signals_ = 0;
 
   std::vector<std::thread> workers_;
 };

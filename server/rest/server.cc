@@ -46,12 +46,12 @@ using rest::HttpRequest;
 using rest::StreamReply;
 
 constexpr auto kAwait = net::as_tuple(net::use_awaitable);
-constexpr std::size_t kBatch = 128;             // events in one write: bounds what is held for a reader
+constexpr std::size_t kBatch = 256;             // events in one write: bounds what is held for a reader
 constexpr std::size_t kMostIgnored = 64 << 10;  // bytes that a watcher may send without being asked
 constexpr std::chrono::milliseconds kLinger{1000};
 // With many watchers each is written to less often, and more at a time.
-constexpr std::chrono::microseconds kPacePerStream{200};
-constexpr std::chrono::microseconds kSlowestPace{100'000};
+constexpr std::chrono::microseconds kPacePerStream{400};
+constexpr std::chrono::microseconds kSlowestPace{200'000};
 constexpr int kStreamSendBuffer = 256 << 10;  // what the system holds for a reader, likewise
 
 class Connection;
@@ -371,7 +371,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   // The feed may read the store and makes JSON: on a thread for that.
   void AskFeed(const Stream& stream) {
     core_.api.executors()
-        .For(Work::kRead)
+        .For(Work::kStream)
         .Post([core = core_.shared_from_this(), feed = stream.feed, slot = stream.slot, sse = stream.sse] {
           feed->Next(kBatch, [core, slot, sse](const Feed::Batch& batch) { slot->Put(core, ToChunk(batch, sse)); });
         });

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "grpc/health/v1/health.pb.h"
 #include "orbitune/v1/campaign.grpc.pb.h"
+#include "orbitune/v1/gains.grpc.pb.h"
 #include "orbitune/v1/scenario.grpc.pb.h"
 #include "orbitune/v1/simulation.grpc.pb.h"
 #include "orbitune/v1/tuning.grpc.pb.h"
@@ -108,10 +109,33 @@ class Simulation final : public ApiService<v1::SimulationService> {
   }
 };
 
+class GainsService final : public ApiService<v1::GainService> {
+ public:
+  explicit GainsService(Api& api) : ApiService(api) {}
+  Reactor* QueryGains(Context* context, const v1::QueryGainsRequest* request, v1::QueryGainsResponse* out) override {
+    return Call("QueryGains", context, request, out);
+  }
+  Reactor* GetGainSet(Context* context, const v1::GetGainSetRequest* request, v1::GainSet* out) override {
+    return Call("GetGainSet", context, request, out);
+  }
+  Reactor* ListGainSets(Context* context, const v1::ListGainSetsRequest* request,
+                        v1::ListGainSetsResponse* out) override {
+    return Call("ListGainSets", context, request, out);
+  }
+  Reactor* ImportGainSets(Context* context, const v1::ImportGainSetsRequest* request,
+                          v1::ImportGainSetsResponse* out) override {
+    return Call("ImportGainSets", context, request, out);
+  }
+  Reactor* DeleteGainSet(Context* context, const v1::DeleteGainSetRequest* request,
+                         google::protobuf::Empty* out) override {
+    return Call("DeleteGainSet", context, request, out);
+  }
+};
+
 class RpcServerImpl final : public RpcServer {
  public:
   RpcServerImpl(const std::string& address, Api& api)
-      : api_(api), tuning_(api), campaigns_(api), scenarios_(api), simulation_(api) {
+      : api_(api), tuning_(api), campaigns_(api), gains_(api), scenarios_(api), simulation_(api) {
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.
@@ -120,6 +144,7 @@ class RpcServerImpl final : public RpcServer {
     builder.AddListeningPort(address, grpc::InsecureServerCredentials(), &port_);
     builder.RegisterService(&tuning_);
     builder.RegisterService(&campaigns_);
+    builder.RegisterService(&gains_);
     builder.RegisterService(&scenarios_);
     builder.RegisterService(&simulation_);
     builder.SetMaxReceiveMessageSize(kLargestRequestBytes);
@@ -155,6 +180,7 @@ class RpcServerImpl final : public RpcServer {
   Api& api_;
   Tuning tuning_;
   Campaigns campaigns_;
+  GainsService gains_;
   Scenarios scenarios_;
   Simulation simulation_;
   std::unique_ptr<grpc::Server> server_;

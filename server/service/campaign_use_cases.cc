@@ -59,11 +59,13 @@ absl::Status CheckStates(const Scenario& scenario, const std::vector<OrbitState>
   FieldErrors errors;
   std::size_t faults = 0;
   for (std::size_t i = 0; i < states.size() && faults < kMostNamedFaults; ++i) {
-    const absl::Status status = Prepare(scenario, states[i]).status();
-    if (status.ok()) continue;
+    const std::string path = absl::StrCat(ToAbsl(field), drawn ? ".draw" : ".list", "[", i, "]");
+    const bool given = !std::holds_alternative<std::monostate>(states[i]);
+    const absl::Status status = given ? Prepare(scenario, states[i]).status() : absl::OkStatus();
+    if (given && status.ok()) continue;
     ++faults;
-    AddRenamed(errors, status, "initial_condition",
-               absl::StrCat(ToAbsl(field), drawn ? ".draw" : ".list", "[", i, "]"));
+    if (!given) errors.Add(path, "one form of an orbit", "none");
+    AddRenamed(errors, status, "initial_condition", path);
   }
   return errors.ToStatus();
 }
@@ -126,13 +128,6 @@ std::string MemberTitle(const CampaignSpec& spec, MemberRole role, int number) {
                            : role == MemberRole::kHeldOut ? "held-out initial condition "
                                                           : "initial condition ";
   return absl::StrCat(spec.display_name, spec.display_name.empty() ? "" : ", ", what, number);
-}
-
-// Of a job's report, where the campaign has not compared yet.
-std::vector<MemberEpisode> EpisodesOf(const JobReport& report, Algorithm algorithm) {
-  return {ToMemberEpisode(GainsChoice::kInitial, report.initial),
-          ToMemberEpisode(GainsChoice::kTuned, TunedGains(report, algorithm)),
-          ToMemberEpisode(GainsChoice::kBest, report.best)};
 }
 
 }  // namespace

@@ -9,6 +9,9 @@ namespace orbitune {
 // text. Empty: everything. INVALID_ARGUMENT for field "filter", saying what was expected where.
 absl::StatusOr<JobFilter> ParseFilter(std::string_view text);
 
+// Likewise with `kind`, `scenario`, `job` and `campaign`, and = alone: sets what the query selects.
+absl::Status ParseGainSetFilter(std::string_view text, GainSetQuery& query);
+
 // "create_time" or "best_cost", each with or without " desc"; empty: "create_time desc". Sets query.order and
 // query.descending.
 absl::Status ParseOrder(std::string_view text, JobQuery& query);

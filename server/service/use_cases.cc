@@ -137,7 +137,8 @@ void CheckEnsemble(FieldErrors& errors, const NewJob& job) {
 }
 
 // The spec a job runs with, everything filled in.
-absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
+// start: the gains that job.warm_start names.
+absl::StatusOr<JobSpec> Resolve(const NewJob& job, const std::optional<Gains>& start) {
   FieldErrors errors;
   CheckLength(errors, "display_name", job.display_name, kLongestName);
   CheckLabels(errors, job.labels);
@@ -153,6 +154,7 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
     spec.scenario = *std::move(scenario);
     SearchOptions& search = spec.scenario.search;
     job.search.ApplyTo(search);
+    if (start) search.initial_gains = WithinBounds(search, *start);
     const bool own = std::holds_alternative<std::monostate>(job.initial_condition);
     spec.initial_condition = !job.initial_conditions.empty() ? job.initial_conditions.front()
                              : own                           ? spec.scenario.chaser
@@ -173,6 +175,8 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job) {
 }
 
 }  // namespace
+
+absl::StatusOr<Scenario> ChooseScenario(const ScenarioChoice& choice) { return Choose(choice); }
 
 std::string NewId() {
   static constexpr std::string_view kAlphabet = "abcdefghijklmnopqrstuvwxyz234567";
@@ -223,16 +227,18 @@ bool SearchOverrides::Sets(std::string_view field) const {
 }
 
 absl::StatusOr<JobSpec> UseCases::ResolveJob(const NewJob& job) {
-  absl::StatusOr<JobSpec> spec = Resolve(job);
-  if (!spec.ok() || job.warm_start.empty()) return spec;
+  if (job.warm_start.empty()) return Resolve(job, std::nullopt);
   FieldErrors errors;
   if (job.search.initial_gains) errors.Add("warm_start", "empty where initial_gains are given", job.warm_start);
-  absl::Status status = errors.ToStatus();
+  const absl::StatusOr<WarmStart> start =
+      errors.empty() ? FindWarmStart(store_, gain_sets_, job.warm_start) : absl::StatusOr<WarmStart>(errors.ToStatus());
+  absl::Status status = start.status();
   if (status.ok()) {
-    const auto start = FindWarmStart(store_, gain_sets_, job.warm_start);
-    status = start.ok() ? ApplyWarmStart(*start, *spec) : start.status();
+    absl::StatusOr<JobSpec> spec = Resolve(job, start->gains);
+    if (!spec.ok()) return spec;
+    status = CheckUnits(*start, *spec);
+    if (status.ok()) return spec;
   }
-  if (status.ok()) return spec;
   if (!absl::IsInvalidArgument(status)) return status;
   FieldErrors in_job;
   in_job.Merge("job", status);

@@ -77,6 +77,9 @@ struct EpisodeAnswer {
 inline constexpr std::size_t kLongestRequestId = 128;
 inline constexpr std::size_t kMostStarts = 1000;  // of one job
 
+// The preset, or the definition, valid. INVALID_ARGUMENT.
+absl::StatusOr<Scenario> ChooseScenario(const ScenarioChoice& choice);
+
 // For a new resource: twelve letters and digits at random.
 std::string NewId();
 

@@ -46,7 +46,7 @@ absl::StatusOr<WarmStart> FindWarmStart(const JobStore& store, const GainSetSour
   return gains;
 }
 
-absl::Status ApplyWarmStart(const WarmStart& start, JobSpec& spec) {
+absl::Status CheckUnits(const WarmStart& start, const JobSpec& spec) {
   const auto prepared = Prepare(spec.scenario, spec.initial_condition);
   if (!prepared.ok()) return prepared.status();
   if (!Same(prepared->velocity_unit_m_s, start.velocity_unit_m_s) ||
@@ -55,7 +55,6 @@ absl::Status ApplyWarmStart(const WarmStart& start, JobSpec& spec) {
                                  prepared->velocity_unit_m_s, prepared->acceleration_unit_m_s2),
                  absl::StrFormat("%g m/s and %g m/s^2", start.velocity_unit_m_s, start.acceleration_unit_m_s2));
   }
-  spec.scenario.search.initial_gains = WithinBounds(spec.scenario.search, start.gains);
   return absl::OkStatus();
 }
 

@@ -22,8 +22,7 @@ using GainSetSource = std::function<absl::StatusOr<WarmStart>(const std::string&
 // INVALID_ARGUMENT for "warm_start" where it is neither, or there is nothing of that name.
 absl::StatusOr<WarmStart> FindWarmStart(const JobStore& store, const GainSetSource& gain_sets, const std::string& name);
 
-// Makes the gains K(1) of the spec, raised to its gain floor. INVALID_ARGUMENT for "warm_start" if the spec's gain
-// units are others.
-absl::Status ApplyWarmStart(const WarmStart& start, JobSpec& spec);
+// INVALID_ARGUMENT for "warm_start" unless the spec's gain units are those of the gains.
+absl::Status CheckUnits(const WarmStart& start, const JobSpec& spec);
 
 }  // namespace orbitune

@@ -35,6 +35,8 @@ const std::vector<Folder>& Folders() {
       {"core/simd", {"core/base", "core/orbit", "core/control", "core/sim"}},
       {"core/search", {"core/base", "core/orbit", "core/control", "core/sim"}},
       {"core/scenario", {"core/base", "core/orbit", "core/control", "core/sim", "core/search"}},
+      {"core/library",
+       {"core/base", "core/orbit", "core/control", "core/sim", "core/simd", "core/search", "core/scenario"}},
       {"storage", {"core"}},
       {"server/jobs", {"core", "storage"}},
       {"server/service", {"core", "storage", "server/jobs"}},
@@ -62,6 +64,7 @@ const std::vector<Library>& Libraries() {
       {{"sqlite3"}, {"storage"}},
       {{"Random123/"}, {"core/base"}},
       {{"hwy/"}, {"core/simd"}},
+      {{"nanoflann", "openssl/"}, {"core/library"}},
       {{"boost/", "nlohmann/", "CLI/"}, {"storage", "server/rest", "server/config", "client/cli"}},
   };
   return *libraries;

@@ -152,7 +152,9 @@ JobRow RunThroughServer(int jobs, int threads, int iterations) {
     CampaignEngine campaigns(**store, (*store)->campaigns(), scheduler, hub);
     CampaignUseCases campaign_use_cases(use_cases, (*store)->campaigns(), campaigns);
     ORBITUNE_CHECK(scheduler.Start().ok());
-    Api api(use_cases, campaign_use_cases);
+    GainLibrary library;
+    GainUseCases gains(**store, library);
+    Api api(use_cases, campaign_use_cases, gains);
     auto server = RpcServer::Start("127.0.0.1:0", api);
     ORBITUNE_CHECK(server.ok());
     const auto stub =

@@ -16,6 +16,7 @@
 #include "tests/bench/optimiser_bench.h"
 #include "tests/bench/peak_fma.h"
 #include "tests/bench/workload.h"
+#include "tests/core/testing.h"
 
 namespace orbitune::bench {
 namespace {
@@ -23,9 +24,9 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using nlohmann::json;
 
-// Operations of the kernel for one right-hand side and lane, counted in core/simd/lane_kernel-inl.h: the closed loop's
-// 108, of which 39 are fused, and a sixth of a step's combinations, error estimate and sincos, mostly fused.
-constexpr double kFmaSlotsPerRhs = 175;
+// Operations of the kernel for one right-hand side and lane, counted in core/simd/lane_kernel-inl.h, a fused one as
+// one: the closed loop's 64, and a sixth of a step's combinations (210), error estimate (90) and decision (50).
+constexpr double kFmaSlotsPerRhs = 122;
 
 struct Row {
   std::string workload;
@@ -151,6 +152,48 @@ std::vector<Row> Compare(const Workload& w, int repeats) {
   return rows;
 }
 
+// Random gains (0.03 to 30), scenarios and initial conditions, as the tests draw them: what the default tolerance is
+// chosen by.
+Row RunRandom(int count, double tolerance) {
+  std::vector<testing::RandomEpisode> drawn;
+  for (int i = 0; i < count; ++i) drawn.push_back(testing::DrawEpisode(20'000 + i));
+  std::vector<EpisodeResult> reference(drawn.size());
+  std::vector<EpisodeResult> results(drawn.size());
+  const auto fly = [&](double to, std::span<EpisodeResult> out) {
+    for (testing::RandomEpisode& episode : drawn) episode.problem.tolerance = to;
+    const std::size_t cores = std::max(1U, std::thread::hardware_concurrency());
+    const std::size_t share = (drawn.size() + cores - 1) / cores;
+    std::vector<std::jthread> threads;
+    for (std::size_t begin = 0; begin < drawn.size(); begin += share) {
+      threads.emplace_back([&drawn, out, begin, count = std::min(share, drawn.size() - begin)] {
+        std::vector<BatchEpisode> batch;
+        for (const auto& e : std::span(drawn).subspan(begin, count)) batch.push_back({&e.problem, e.gains});
+        SimulateBatch(batch, out.subspan(begin, count));
+      });
+    }
+    const std::size_t used = threads.size();
+    const auto start = Clock::now();
+    threads.clear();
+    return std::chrono::duration<double>(Clock::now() - start).count() * static_cast<double>(used);
+  };
+  simd::UseTarget("auto");
+  fly(1e-12, reference);
+  const double seconds = fly(tolerance, results);
+  Row row{.workload = "random", .engine = "lanes", .target = simd::TargetInUse()};
+  double rhs = 0;
+  for (std::size_t i = 0; i < drawn.size(); ++i) {
+    rhs += 6.0 * (results[i].steps + results[i].rejected_steps);
+    if (results[i].outcome != reference[i].outcome || results[i].settling_samples != reference[i].settling_samples) {
+      ++row.wrong_settling;
+    } else if (HasCost(results[i].outcome)) {
+      row.worst_cost_error = std::max(row.worst_cost_error, std::abs(results[i].cost / reference[i].cost - 1));
+    }
+  }
+  row.episodes_per_s_per_core = static_cast<double>(drawn.size()) / seconds;
+  row.ns_per_rhs_lane = 1e9 * seconds / rhs;
+  return row;
+}
+
 void PrintHeader() {
   std::printf("%-24s %-6s %-8s %-5s %14s %10s %10s %7s %6s %9s\n", "workload", "engine", "target", "early",
               "episodes/s", "ns/rhs", "x odeint", "% peak", "wrong", "error J");
@@ -215,6 +258,7 @@ int Main(int argc, char** argv) {
   int episodes = 400;
   int repeats = 5;
   int iterations = 2000;
+  int random = 10'000;
   double tolerance = kDefaultIntegrationTolerance;
   std::string only;
   app.add_flag("--json", as_json, "An array of rows: the episodes', then the jobs'");
@@ -224,8 +268,11 @@ int Main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--repeats", repeats)->check(CLI::Range(1, 1000))->capture_default_str();
   app.add_option("--iterations", iterations, "Of each job")->check(CLI::Range(1, 1'000'000))->capture_default_str();
+  app.add_option("--random", random, "How many random episodes")
+      ->check(CLI::Range(0, 1'000'000))
+      ->capture_default_str();
   app.add_option("--tolerance", tolerance, "Of the integration")->capture_default_str();
-  app.add_option("--workload", only, "Only this one, e.g. gto-geo/tuned");
+  app.add_option("--workload", only, "Only this one, e.g. gto-geo/tuned, or random");
   bool only_optimisers = false;
   OptimiserBenchOptions optimisers{.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()))};
   app.add_flag("--optimisers", only_optimisers, "Only the optimisers at equal episodes, over drawn initial conditions");
@@ -247,14 +294,16 @@ int Main(int argc, char** argv) {
   json rows = json::array();
   bool wrong = false;
   if (!as_json) PrintHeader();
+  const auto add = [&](const Row& row) {
+    wrong = wrong || row.wrong_settling > 0 || !(row.worst_cost_error <= 1e-5);
+    ToJson(rows, row);
+    if (!as_json) Print(row);
+  };
   for (const Workload& workload : MakeWorkloads(episodes, tolerance)) {
     if (!only.empty() && workload.name != only) continue;
-    for (const Row& row : Compare(workload, repeats)) {
-      wrong = wrong || row.wrong_settling > 0 || !(row.worst_cost_error <= 1e-5);
-      ToJson(rows, row);
-      if (!as_json) Print(row);
-    }
+    for (const Row& row : Compare(workload, repeats)) add(row);
   }
+  if (random > 0 && (only.empty() || only == "random")) add(RunRandom(random, tolerance));
   if (!no_jobs) RunJobs(rows, iterations, as_json);
   if (as_json) std::cout << rows.dump(1) << '\n';
   if (wrong) std::fprintf(stderr, "orbitune_bench: a cost is wrong\n");

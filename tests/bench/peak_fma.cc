@@ -19,7 +19,11 @@ double Chains(int rounds, double* sink) {
   using V = hn::Vec<decltype(d)>;
   const V factor = hn::Set(d, 0.999999);
   const V term = hn::Set(d, 1e-6);
-  V a = hn::Set(d, 1), b = a, c = a, e = a, f = a, g = a, h = a, i = a, j = a, k = a, l = a, m = a;
+  // Chains of equal values would be one to the compiler.
+  double start = *sink;
+  const auto next = [&] { return hn::Set(d, start += 1); };
+  V a = next(), b = next(), c = next(), e = next(), f = next(), g = next(), h = next(), i = next(), j = next();
+  V k = next(), l = next(), m = next();
   for (int round = 0; round < rounds; ++round) {
     a = hn::MulAdd(a, factor, term);
     b = hn::MulAdd(b, factor, term);

@@ -83,6 +83,121 @@ TEST(Submit, SendsWhatWasGivenAndNothingElse) {
   EXPECT_TRUE(server.create_requests[1].validate_only());
 }
 
+TEST(Submit, ChoosesAndShapesTheSearch) {
+  FakeServer server;
+  const std::string ics = TempPath("ics.csv");
+  std::ofstream(ics) << "p_km,ex,ey,hx,hy,true_longitude_deg\n7000,0,0,0.1,0,10\n7001,0,0,0.1,0,11\n";
+  ASSERT_EQ(server
+                .Run({"submit",
+                      "--scenario",
+                      "leo-rendezvous",
+                      "--algorithm",
+                      "cma-es",
+                      "--population",
+                      "32",
+                      "--initial-sigma",
+                      "0.5",
+                      "--restarts",
+                      "2",
+                      "--population-growth",
+                      "2",
+                      "--max-episodes",
+                      "9000",
+                      "--plateau",
+                      "50",
+                      "--plateau-improvement",
+                      "0.01",
+                      "--ics",
+                      ics,
+                      "--objective",
+                      "cvar:0.9",
+                      "--relative",
+                      "--warm-start",
+                      "jobs/abc"})
+                .code,
+            0);
+  const v1::Job& job = server.create_requests.at(0).job();
+  const v1::Hyperparameters& h = job.hyperparameters();
+  EXPECT_EQ(h.algorithm(), v1::ALGORITHM_CMA_ES);
+  EXPECT_EQ(h.cma_es().population(), 32);
+  EXPECT_EQ(h.cma_es().initial_sigma(), 0.5);
+  EXPECT_EQ(h.cma_es().restarts(), 2);
+  EXPECT_EQ(h.cma_es().population_growth(), 2);
+  EXPECT_FALSE(h.has_nelder_mead());
+  EXPECT_EQ(h.max_episodes(), 9000);
+  EXPECT_EQ(h.plateau_stop().iterations(), 50);
+  EXPECT_EQ(h.plateau_stop().min_improvement(), 0.01);
+  EXPECT_FALSE(h.has_iterations());
+  ASSERT_EQ(job.initial_conditions_size(), 2);
+  EXPECT_EQ(job.initial_conditions(1).equinoctial().p_km(), 7001);
+  EXPECT_EQ(job.objective().aggregate(), v1::AGGREGATE_CVAR);
+  EXPECT_EQ(job.objective().level(), 0.9);
+  EXPECT_TRUE(job.objective().relative_to_initial());
+  EXPECT_EQ(job.warm_start(), "jobs/abc");
+
+  ASSERT_EQ(server
+                .Run({"submit", "--scenario", "gto-geo", "--top-directions", "4", "--step-schedule", "inverse-sqrt",
+                      "--exploration-schedule", "linear", "--log-gains"})
+                .code,
+            0);
+  const v1::ArsVariants& ars = server.create_requests.at(1).job().hyperparameters().ars_variants();
+  EXPECT_EQ(ars.top_directions(), 4);
+  EXPECT_EQ(ars.step_schedule(), v1::SCHEDULE_INVERSE_SQRT);
+  EXPECT_EQ(ars.exploration_schedule(), v1::SCHEDULE_LINEAR);
+  EXPECT_TRUE(ars.log_gains());
+
+  ASSERT_EQ(server
+                .Run({"submit", "--scenario", "gto-geo", "--algorithm", "nelder-mead", "--initial-step", "0.2",
+                      "--restarts", "5"})
+                .code,
+            0);
+  EXPECT_EQ(server.create_requests.at(2).job().hyperparameters().nelder_mead().restarts(), 5);
+  EXPECT_FALSE(server.create_requests.at(2).job().hyperparameters().has_cma_es());
+
+  const auto error = [&](const std::vector<std::string>& flags) {
+    std::vector<std::string> arguments = {"submit", "--scenario", "gto-geo"};
+    arguments.insert(arguments.end(), flags.begin(), flags.end());
+    const FakeServer::Result result = server.Run(arguments);
+    EXPECT_EQ(result.code, 2);
+    return result.err;
+  };
+  EXPECT_TRUE(Has(error({"--algorithm", "genetic"}), "--algorithm: must be ars, cma-es or nelder-mead, got 'genetic'"));
+  EXPECT_TRUE(Has(error({"--step-schedule", "cubic"}), "--step-schedule: must be constant, linear or inverse-sqrt"));
+  EXPECT_TRUE(Has(error({"--ics", ics, "--objective", "cvar"}), "--objective: must be mean, worst, percentile:LEVEL"));
+  EXPECT_TRUE(Has(error({"--objective", "mean"}), "--ics"));
+  EXPECT_TRUE(Has(error({"--warm-start", "jobs/a", "--initial-gains", "1,1,1,1,1"}), "--initial-gains"));
+}
+
+// What a job's search is not, `show` leaves out.
+TEST(Show, TellsTheSearchThatIsUsed) {
+  FakeServer server;
+  v1::Job job;
+  job.set_name("jobs/a");
+  job.set_state(v1::JOB_STATE_RUNNING);
+  job.set_warm_start("jobs/b");
+  job.add_initial_conditions()->mutable_equinoctial()->set_p_km(1);
+  job.add_initial_conditions();
+  job.mutable_objective()->set_aggregate(v1::AGGREGATE_WORST);
+  v1::Hyperparameters& h = *job.mutable_hyperparameters();
+  h.set_algorithm(v1::ALGORITHM_CMA_ES);
+  h.set_directions(16);
+  h.set_iterations(5000);
+  h.set_max_episodes(6000);
+  h.mutable_cma_es()->set_population(16);
+  h.mutable_nelder_mead()->set_restarts(3);
+  job.set_completed_iterations(100);
+  job.mutable_latest_iteration()->set_episodes(1500);
+  server.jobs = {job};
+  const std::string out = server.Run({"show", "a"}).out;
+  EXPECT_TRUE(Has(out, "ALGORITHM_CMA_ES")) << out;
+  EXPECT_TRUE(Has(out, "population"));
+  EXPECT_TRUE(Has(out, "100/400")) << out;  // the budget ends it before its iterations
+  EXPECT_TRUE(Has(out, "AGGREGATE_WORST"));
+  EXPECT_TRUE(Has(out, "jobs/b"));
+  EXPECT_FALSE(Has(out, "directions"));
+  EXPECT_FALSE(Has(out, "nelder_mead"));
+}
+
 TEST(Submit, RefusalsKeepTheirCode) {
   FakeServer server;
   server.create_status = {grpc::StatusCode::ALREADY_EXISTS, "another job has this request_id"};

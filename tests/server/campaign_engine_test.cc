@@ -155,9 +155,9 @@ TEST_F(CampaignTest, TheSameRequestIdGivesTheCampaignCreatedBefore) {
 }
 
 TEST_F(CampaignTest, PausesAndResumesWithTheResultsOfAnUnbrokenRun) {
-  const std::string unbroken = Create(SmallCampaign(4, 30, 2));
+  const std::string unbroken = Create(SmallCampaign(4, 600, 2));
   const CampaignRecord expected = WaitForEnd(unbroken);
-  const std::string id = Create(SmallCampaign(4, 30, 2));
+  const std::string id = Create(SmallCampaign(4, 600, 2));
   WaitFor(id, [](const CampaignRecord& r) { return r.of(MemberRole::kTuned).iterations >= 5; });
   auto paused = campaigns().Pause(id, "");
   ASSERT_TRUE(paused.ok()) << paused.status();

@@ -10,6 +10,7 @@
 #include "core/scenario/presets.h"
 #include "core/search/optimiser.h"
 #include "core/simd/batch_simulator.h"
+#include "server/jobs/gain_sets.h"
 
 namespace orbitune::server_test {
 namespace {
@@ -19,6 +20,11 @@ absl::Status Await(const std::function<void(JobStore::Done)>& write) {
   std::promise<absl::Status> answer;
   write([&answer](absl::Status status) { answer.set_value(std::move(status)); });
   return answer.get_future().get();
+}
+
+Scheduler::Options WithLibrary(Scheduler::Options options, GainLibrary& library) {
+  options.library = &library;
+  return options;
 }
 
 }  // namespace
@@ -95,10 +101,14 @@ Engine::Engine(const std::string& database, Scheduler::Options options, bool sta
         EXPECT_TRUE(store.ok()) << store.status();
         return *std::move(store);
       }()),
-      scheduler_(*store_, hub_, options),
+      scheduler_(*store_, hub_, WithLibrary(options, library_)),
       use_cases_(*store_, scheduler_, hub_),
-      campaign_engine_(*store_, store_->campaigns(), scheduler_, hub_),
-      campaigns_(use_cases_, store_->campaigns(), campaign_engine_) {
+      campaign_engine_(*store_, store_->campaigns(), scheduler_, hub_, &library_),
+      campaigns_(use_cases_, store_->campaigns(), campaign_engine_),
+      gains_(*store_, library_) {
+  const absl::Status loaded = LoadLibrary(store_->gains(), library_);
+  EXPECT_TRUE(loaded.ok()) << loaded;
+  use_cases_.set_gain_sets([this](const std::string& id) { return gains_.WarmStartFrom(id); });
   if (start) Start();
 }
 

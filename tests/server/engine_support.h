@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "server/service/campaign_use_cases.h"
+#include "server/service/gain_use_cases.h"
 #include "storage/sqlite_store.h"
 
 namespace orbitune::server_test {
@@ -54,6 +55,7 @@ class Engine {
   Scheduler& scheduler() { return scheduler_; }
   UseCases& use_cases() { return use_cases_; }
   CampaignUseCases& campaigns() { return campaigns_; }
+  GainUseCases& gains() { return gains_; }
 
   // Each fails the test where the answer is an error.
   void Start();
@@ -69,11 +71,13 @@ class Engine {
 
  private:
   std::unique_ptr<JobStore> store_;
+  GainLibrary library_;
   EventHub hub_;
   Scheduler scheduler_;
   UseCases use_cases_;
   CampaignEngine campaign_engine_;
   CampaignUseCases campaigns_;
+  GainUseCases gains_;
 };
 
 // Puts a job into a store, without an engine. Each waits for the answer and fails the test where it is an error.

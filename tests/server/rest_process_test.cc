@@ -133,7 +133,7 @@ TEST_F(RestProcessTest, AStopEndsStreamsAndHttpCanBeOff) {
   {
     const auto server = Start();
     EventStream stream(server->http_address(),
-                       "/v1/" + CreateGtoGeo(server->http_address(), ArsOptions::kMaxIterations) + ":watch", true);
+                       "/v1/" + CreateGtoGeo(server->http_address(), SearchOptions::kMaxIterations) + ":watch", true);
     StreamEvent event;
     ASSERT_TRUE(stream.Read(&event));
     std::thread reader([&] {

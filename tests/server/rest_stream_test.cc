@@ -69,7 +69,7 @@ class RestStreamTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   Engine engine_;
-  Api api_{engine_.use_cases(), engine_.campaigns()};
+  Api api_{engine_.use_cases(), engine_.campaigns(), engine_.gains()};
   std::unique_ptr<RpcServer> rpc_;
   std::unique_ptr<Client> client_;
   std::unique_ptr<HttpServer> http_;

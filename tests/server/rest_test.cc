@@ -81,7 +81,7 @@ class RestTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   Engine engine_;
-  Api api_{engine_.use_cases(), engine_.campaigns()};
+  Api api_{engine_.use_cases(), engine_.campaigns(), engine_.gains()};
   std::unique_ptr<RpcServer> rpc_;
   std::unique_ptr<HttpServer> http_;
 };

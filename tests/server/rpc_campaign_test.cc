@@ -15,7 +15,8 @@ using Stub = v1::CampaignService::Stub;
 
 class RpcCampaignTest : public testing::Test {
  protected:
-  RpcCampaignTest() : engine_(directory_.File("orbitune.db")), api_(engine_.use_cases(), engine_.campaigns()) {
+  RpcCampaignTest()
+      : engine_(directory_.File("orbitune.db")), api_(engine_.use_cases(), engine_.campaigns(), engine_.gains()) {
     auto server = RpcServer::Start("127.0.0.1:0", api_);
     EXPECT_TRUE(server.ok()) << server.status();
     server_ = *std::move(server);

@@ -71,7 +71,7 @@ class RpcTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   Engine engine_;
-  Api api_{engine_.use_cases(), engine_.campaigns()};
+  Api api_{engine_.use_cases(), engine_.campaigns(), engine_.gains()};
   std::unique_ptr<RpcServer> server_;
   std::unique_ptr<Client> client_;
   std::string running_;

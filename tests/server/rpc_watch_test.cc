@@ -131,7 +131,7 @@ class WatchTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   Engine engine_;
-  Api api_{engine_.use_cases(), engine_.campaigns()};
+  Api api_{engine_.use_cases(), engine_.campaigns(), engine_.gains()};
   std::unique_ptr<RpcServer> server_;
   std::unique_ptr<Client> client_;
 };

@@ -216,6 +216,30 @@ TEST_P(JobStoreConformance, KeepsTheBestByBetterAndTheEarliestOfEquals) {
   }
 }
 
+// With the newest iteration, until the job ends.
+TEST_P(JobStoreConformance, KeepsTheCheckpointOfTheNewestIteration) {
+  ASSERT_TRUE(Create(store(), "a").ok());
+  ASSERT_TRUE(Create(store(), "b").ok());
+  EXPECT_TRUE(store().GetJob("a")->checkpoint.empty());
+  const std::vector<double> last{-0.0, std::numeric_limits<double>::denorm_min(), 0.1, 4, 5, 6};
+  const auto ok = [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; };
+  store().AppendIteration("a", 2, RecordOf(1), {1, 2, 3}, ok);
+  store().AppendIteration("b", 2, RecordOf(1), {7}, ok);
+  store().AppendIteration("a", 3, RecordOf(2), last, ok);
+  store().Flush();
+  Reopen();
+  const auto kept = store().GetJob("a")->checkpoint;
+  ASSERT_EQ(kept, last);
+  EXPECT_TRUE(std::signbit(kept[0]));
+  EXPECT_EQ(store().ListUnfinishedJobs()->at(0).checkpoint, last);
+  EXPECT_EQ(store().GetJob("b")->checkpoint, std::vector<double>{7});
+  ASSERT_TRUE(Change(store(), "a", 4, ChangeTo(JobState::kRunning)).ok());
+  EXPECT_EQ(store().GetJob("a")->checkpoint, last);
+  store().AppendIteration("a", 5, RecordOf(3), {8}, ok);
+  ASSERT_TRUE(Change(store(), "a", 6, ChangeTo(JobState::kCancelled)).ok());
+  EXPECT_TRUE(store().GetJob("a")->checkpoint.empty());
+}
+
 TEST_P(JobStoreConformance, AnswersInOrderAndAfterTheCommit) {
   constexpr int kCount = 3000;
   ASSERT_TRUE(Create(store(), "a").ok());

@@ -29,6 +29,9 @@ class JobStoreConformance : public testing::TestWithParam<MakeBackend> {
   std::unique_ptr<JobStore> store_;
 };
 
+// The gain sets' (gain_store_conformance.cc).
+class GainStoreConformance : public JobStoreConformance {};
+
 // The campaigns' (campaign_store_conformance.cc); each write waits for its answer.
 class CampaignStoreConformance : public JobStoreConformance {
  protected:

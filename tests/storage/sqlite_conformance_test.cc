@@ -20,6 +20,7 @@ std::unique_ptr<Backend> MakeSqlite() { return std::make_unique<SqliteBackend>()
 INSTANTIATE_TEST_SUITE_P(Sqlite, JobStoreConformance, testing::Values(&MakeSqlite));
 INSTANTIATE_TEST_SUITE_P(Sqlite, CampaignStoreConformance, testing::Values(&MakeSqlite));
 INSTANTIATE_TEST_SUITE_P(Sqlite, JobListConformance, testing::Values(&MakeSqlite));
+INSTANTIATE_TEST_SUITE_P(Sqlite, GainStoreConformance, testing::Values(&MakeSqlite));
 
 }  // namespace
 }  // namespace orbitune::storage_test

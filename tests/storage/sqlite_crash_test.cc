@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <functional>
 #include <thread>
 
 #include "absl/strings/str_cat.h"
@@ -61,16 +62,16 @@ void Write(JobStore& store, int job, std::int64_t seq, int pipe) {
   }
 }
 
-// Runs the child for a while, kills it, and returns the last seq that it was answered for each job.
-std::array<std::int64_t, kJobs> RunAndKill(const std::string& path, std::chrono::microseconds lifetime) {
+// Runs the child for a while, kills it, and returns the last that it told; all goes to `tell` as well.
+Told RunAndKill(const std::function<void(int pipe)>& run_child, std::chrono::microseconds lifetime,
+                const std::function<void(const Told&)>& tell) {
   int ends[2];
   EXPECT_EQ(pipe(ends), 0);
   const pid_t child = fork();
-  if (child == 0) RunChild(path, ends[1]);
+  if (child == 0) run_child(ends[1]);
   close(ends[1]);
-  std::array<std::int64_t, kJobs> last{};
-  Told told{};
-  const auto note = [&] { last[static_cast<std::size_t>(told.job)] = told.seq; };
+  Told told{.job = -1, .seq = 0};
+  const auto note = [&] { tell(told); };
   // A pipe that nobody empties would stop the child.
   if (read(ends[0], &told, sizeof told) == sizeof told) note();
   std::thread killer([&] {
@@ -83,6 +84,14 @@ std::array<std::int64_t, kJobs> RunAndKill(const std::string& path, std::chrono:
   int status = 0;
   waitpid(child, &status, 0);
   EXPECT_TRUE(WIFSIGNALED(status)) << "the child ended by itself with " << WEXITSTATUS(status);
+  return told;
+}
+
+// The last seq that the child was answered for each job.
+std::array<std::int64_t, kJobs> RunAndKill(const std::string& path, std::chrono::microseconds lifetime) {
+  std::array<std::int64_t, kJobs> last{};
+  RunAndKill([&](int pipe) { RunChild(path, pipe); }, lifetime,
+             [&](const Told& told) { last[static_cast<std::size_t>(told.job)] = told.seq; });
   return last;
 }
 
@@ -120,6 +129,46 @@ TEST(SqliteCrash, KeepsAllThatWasAnswered) {
     }
   }
   EXPECT_GT(total, 100);
+}
+
+// Creates jobs and lets them succeed, for ever.
+[[noreturn]] void RunSucceedingChild(const std::string& path, int pipe, int first) {
+  auto store = OpenSqliteStore({.path = path});
+  if (!store.ok()) _exit(2);
+  for (int j = first;; ++j) {
+    const std::string id = JobId(j);
+    if (!Create(**store, id).ok()) _exit(3);
+    (*store)->ChangeState(id, 2, ChangeTo(JobState::kRunning), [](const absl::Status&) {});
+    (*store)->AppendIteration(id, 3, RecordOf(1), {}, [](const absl::Status&) {});
+    StateChange succeeded = ChangeTo(JobState::kSucceeded);
+    succeeded.gain_set = PlainGainSet(id);
+    (*store)->ChangeState(id, 4, succeeded, [j, pipe](const absl::Status& status) {
+      const Told told{.job = j, .seq = 4};
+      if (!status.ok() || write(pipe, &told, sizeof told) != sizeof told) _exit(1);
+    });
+  }
+}
+
+// Whenever the process ends: a job that has succeeded has its gain set, and no other job has one.
+TEST(SqliteCrash, AJobAndItsGainSetEndTogether) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("orbitune.db");
+  int jobs = 0;
+  int succeeded = 0;
+  for (int round = 0; round < 6; ++round) {
+    const Told last = RunAndKill([&](int pipe) { RunSucceedingChild(path, pipe, jobs); },
+                                 std::chrono::microseconds(15'000 + 11'300 * round), [](const Told&) {});
+    const auto store = OpenStore(path);
+    ASSERT_NE(store, nullptr);
+    for (; store->GetJob(JobId(jobs)).ok(); ++jobs) {
+      const bool ended = store->GetJob(JobId(jobs))->state == JobState::kSucceeded;
+      const auto set = store->gains().GetGainSet(JobId(jobs));
+      ASSERT_EQ(set.ok(), ended) << jobs;
+      ASSERT_TRUE(ended || jobs > last.job) << jobs << " was answered";
+      succeeded += ended ? 1 : 0;
+    }
+  }
+  EXPECT_GT(succeeded, 10);
 }
 
 }  // namespace

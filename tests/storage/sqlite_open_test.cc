@@ -7,9 +7,11 @@
 #include <fstream>
 #include <random>
 #include <set>
+#include <sstream>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "storage/serialise.h"
 #include "storage/sqlite_schema.h"
 #include "storage/sqlite_store.h"
 #include "tests/storage/sqlite_support.h"
@@ -65,6 +67,37 @@ TEST_F(SqliteOpen, LeavesOneFileAndTheLockBehind) {
   for (const auto& entry : std::filesystem::directory_iterator(directory_.path()))
     names.insert(entry.path().filename());
   EXPECT_EQ(names, (std::set<std::string>{"orbitune.db", "orbitune.lock"}));
+}
+
+// version1.sql was made by the server that had that version.
+TEST_F(SqliteOpen, ReadsTheJobsOfVersion1) {
+  std::ostringstream script;
+  script << std::ifstream(absl::StrCat(ORBITUNE_STORAGE_TESTS, "/version1.sql")).rdbuf();
+  Execute(script.str());
+  const auto store = OpenStore(Database());
+  const auto finished = store->GetJob("finished");
+  ASSERT_TRUE(finished.ok()) << finished.status();
+  EXPECT_EQ(finished->state, JobState::kSucceeded);
+  EXPECT_EQ(finished->spec.labels.at("team"), "orbit");
+  EXPECT_EQ(finished->spec.scenario.search.seed, 3u);
+  EXPECT_EQ(finished->spec.scenario.search.algorithm, Algorithm::kArs);
+  EXPECT_EQ(finished->report->episodes, 6 * 5);
+  EXPECT_EQ(finished->latest->cost, 757.3293669434922);
+  const auto history = store->ListIterations("finished", 0, 100);
+  ASSERT_TRUE(history.ok()) << history.status();
+  for (const IterationRecord& record : *history) EXPECT_EQ(record.episodes, 5 * record.iteration);
+  EXPECT_EQ(store->ListEvents("finished", 0, 100)->size(), 9u);
+  EXPECT_EQ(store->GetJob("failed")->state, JobState::kFailed);
+  const auto unfinished = store->ListUnfinishedJobs();
+  ASSERT_EQ(unfinished->size(), 1u);
+  EXPECT_EQ(unfinished->at(0).id, "paused");
+  EXPECT_EQ(unfinished->at(0).best->episodes, 4 * 7);
+  // The same request is the same job still.
+  JobSpec same = finished->spec;
+  const auto again = Create(*store, "other", same, 1, "11111111-0000-4000-8000-000000000001", *ToJson(same));
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_EQ(again->id, "finished");
+  ASSERT_TRUE(Append(*store, "paused", 8, RecordOf(5)).ok());
 }
 
 TEST_F(SqliteOpen, RefusesANewerSchemaAndLeavesItAlone) {
@@ -148,6 +181,11 @@ TEST_F(SqliteOpen, SaysThatAFileIsCutOff) {
 // Anything may have been overwritten: what cannot be read is an error, never a crash.
 TEST_F(SqliteOpen, SurvivesDamageAnywhere) {
   MakeDatabase(600);
+  {
+    std::vector<GainSet> sets;
+    for (int i = 0; i < 20; ++i) sets.push_back(PlainGainSet(absl::StrCat("set", i)));
+    ASSERT_TRUE(AddGainSets(*OpenStore(Database()), sets).ok());
+  }
   const std::string whole = FileContents(Database());
   std::mt19937 random(5);
   int errors = 0;
@@ -164,6 +202,8 @@ TEST_F(SqliteOpen, SurvivesDamageAnywhere) {
     errors += (*store)->GetJob("a").ok() ? 0 : 1;
     errors += (*store)->ListJobs({}).ok() ? 0 : 1;
     errors += (*store)->ListEvents("a", 0, 1000).ok() ? 0 : 1;
+    errors += (*store)->gains().ListGainSets({}).ok() ? 0 : 1;
+    errors += (*store)->gains().ReadLibrary([](const auto&, const auto&, const auto&) {}).ok() ? 0 : 1;
     errors += Append(**store, "a", 602, RecordOf(601)).ok() ? 0 : 1;
     (void)Delete(**store, "a");
     (void)Create(**store, "b");

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <bit>
 #include <cmath>
 #include <cstdlib>
 #include <future>
@@ -9,6 +10,7 @@
 #include <memory>
 
 #include "absl/strings/str_cat.h"
+#include "core/library/scenario_digest.h"
 #include "core/scenario/presets.h"
 #include "storage/serialise.h"
 
@@ -87,7 +89,16 @@ JobSpec OddSpec() {
               .initial_gains = {0.1, 0.2, 0.3, 1e-3, kNan},
               .exploration_std = {-0.0, 1, 2, 3, 4},
               .gain_floor = 2e-3,
-              .seed = std::numeric_limits<std::uint64_t>::max()};
+              .seed = std::numeric_limits<std::uint64_t>::max(),
+              .algorithm = Algorithm::kNelderMead,
+              .max_episodes = 9'007'199'254'740'993,
+              .plateau_stop = {.iterations = 7, .min_improvement = 0.1},
+              .ars_variants = {.top_directions = 2,
+                               .step_schedule = Schedule::kLinear,
+                               .exploration_schedule = Schedule::kInverseSqrt,
+                               .log_gains = true},
+              .cma_es = {.population = 9, .initial_sigma = 0.3, .restarts = 4, .population_growth = 2.5},
+              .nelder_mead = {.initial_step = 0.9, .restarts = 6}};
   spec.initial_condition = KeplerianState{.semi_major_axis_km = 7378.137,
                                           .eccentricity = 0.1,
                                           .inclination_deg = 81.3,
@@ -95,6 +106,10 @@ JobSpec OddSpec() {
                                           .argument_of_periapsis_deg = 359.9,
                                           .position = KeplerianState::Position::kTrueLongitude,
                                           .position_deg = 45.1};
+  spec.initial_conditions = {spec.initial_condition, s.target, std::monostate()};
+  spec.objective = {.aggregate = Aggregate::kCvar, .level = 0.9, .relative_to_initial = true};
+  spec.warm_start = "jobs/another";
+  spec.campaign_id = "campaign";
   return spec;
 }
 
@@ -118,9 +133,61 @@ JobReport OddReport() {
   report.best = report.final;
   report.best.iteration = 4321;
   report.best.episode.outcome = Outcome::kNotSettled;
+  report.best.ensemble = EnsembleReport{.initial_conditions = 50,
+                                        .settled = 49,
+                                        .objective = 0.1 + 0.2,
+                                        .cost = {1.0 / 3, -0.0, kInfinity},
+                                        .cost_reduction_percent = {1, kNan, 3},
+                                        .settling_time_reduction_percent = {},
+                                        .fuel_sum_reduction_percent = {4, 5, 6}};
   report.warnings = {{WarningKind::kPairsLeftOut, "3 \"pairs\""}, {WarningKind::kGainAtFloor, "K5 \xE2\x89\xA4 1e-3"}};
   report.episodes = 9'007'199'254'740'993;
   return report;
+}
+
+GainSet OddGainSet(const std::string& id) {
+  GainSet set;
+  set.id = id;
+  set.kind = GainSetKind::kImported;
+  set.display_name = "it's \"good\"\n\xC3\xBC\0 after a NUL"s;
+  set.create_time_us = 1'700'000'000'000'001;
+  set.gains = {-0.0, kTiny, 0.1 + 0.2, 1.7976931348623157e308, kNan};
+  set.velocity_unit_m_s = 1.0 / 3;
+  set.acceleration_unit_m_s2 = 21.966739520234142;
+  set.scenario = LibraryDefinition(*FindPreset("gto-geo"));
+  set.scenario.id = "its own";
+  set.scenario_digest = ScenarioDigest(set.scenario);
+  set.initial_condition = KeplerianState{.semi_major_axis_km = 24364.1, .eccentricity = 0.73, .position_deg = 1e-7};
+  set.initial_error = ErrorState{0.1, -0.0, 1e-300, kTiny, -5, 1.0 / 7};
+  set.job_id = "job o'id";
+  set.campaign_id = "campaign";
+  set.iteration = 4321;
+  set.algorithm = "CMA_ES";
+  set.seed = std::numeric_limits<std::uint64_t>::max();
+  set.engine_version = "0.1.0";
+  set.origin = "gainSets/there";
+  set.flight = {.outcome = Outcome::kNotSettled,
+                .outcome_message = "not settled",
+                .cost = 123.456,
+                .settling_samples = 1280,
+                .settling_time_s = 7e4 / 9,
+                .fuel_sum = 0.1,
+                .delta_v_m_s = 55.5 / 3,
+                .peak_acceleration_m_s2 = kNan,
+                .certificate = {.gains_positive = true, .lyapunov_decreasing = true}};
+  return set;
+}
+
+GainSet PlainGainSet(const std::string& id, std::int64_t create_time_us) {
+  GainSet set;
+  set.id = id;
+  set.create_time_us = create_time_us;
+  set.gains = {0.1, 1, 1, 1, 10};
+  set.scenario = LibraryDefinition(*FindPreset("leo-rendezvous"));
+  set.scenario_digest = ScenarioDigest(set.scenario);
+  set.initial_condition = FindPreset("leo-rendezvous")->chaser;
+  set.initial_error = ErrorState{.x1 = 0.01};
+  return set;
 }
 
 IterationRecord RecordOf(int iteration) {
@@ -133,7 +200,8 @@ IterationRecord RecordOf(int iteration) {
       .fuel_sum = 0.1 * iteration,
       .cost_std = std::exp(-iteration / 1000.0),
       .pairs_left_out = iteration % 3,
-      .pairs_not_settled = iteration % 5};
+      .pairs_not_settled = iteration % 5,
+      .episodes = 33'000'000'000 * iteration};
   if (iteration % 7 == 3) {
     record.outcome = Outcome::kLeftDomain;
     record.cost = record.fuel_sum = kNan;
@@ -169,6 +237,14 @@ absl::Status Change(JobStore& store, const std::string& id, std::int64_t seq, co
 
 absl::Status Delete(JobStore& store, const std::string& id) {
   return WaitFor<absl::Status>([&](JobStore::Done done) { store.DeleteJob(id, std::move(done)); });
+}
+
+absl::Status AddGainSets(JobStore& store, const std::vector<GainSet>& sets) {
+  return WaitFor<absl::Status>([&](GainStore::Done done) { store.gains().AddGainSets(sets, std::move(done)); });
+}
+
+absl::Status DeleteGainSet(JobStore& store, const std::string& id) {
+  return WaitFor<absl::Status>([&](GainStore::Done done) { store.gains().DeleteGainSet(id, std::move(done)); });
 }
 
 void CreateWithIterations(JobStore& store, const std::string& id, int n) {
@@ -223,6 +299,33 @@ std::string Difference(const JobRecord& a, const JobRecord& b) {
   difference += DifferentRecords("first", a.first, b.first);
   difference += DifferentRecords("latest", a.latest, b.latest);
   difference += DifferentRecords("best", a.best, b.best);
+  return difference;
+}
+
+std::string Difference(const GainSet& a, const GainSet& b) {
+  std::string difference = GainSetDocument(a) == GainSetDocument(b) ? "" : "document differs; ";
+  if (ToJson(a.scenario) != ToJson(b.scenario)) difference += "scenario differs; ";
+  const auto compare = [&difference](std::string_view name, const auto& x, const auto& y) {
+    if (x != y) absl::StrAppend(&difference, ToAbsl(name), ": ", x, " for ", y, "; ");
+  };
+  compare("id", a.id, b.id);
+  compare("kind", static_cast<int>(a.kind), static_cast<int>(b.kind));
+  compare("create_time", a.create_time_us, b.create_time_us);
+  compare("digest", a.scenario_digest, b.scenario_digest);
+  compare("job", a.job_id, b.job_id);
+  compare("campaign", a.campaign_id, b.campaign_id);
+  compare("located", a.initial_error.has_value(), b.initial_error.has_value());
+  const auto bits = [](double value) { return std::isnan(value) ? 0 : std::bit_cast<std::uint64_t>(value); };
+  for (std::size_t i = 0; i < kGainCount; ++i) compare("gain", bits(a.gains[i]), bits(b.gains[i]));
+  if (!a.initial_error || !b.initial_error) return difference;
+  const auto& x = *a.initial_error;
+  const auto& y = *b.initial_error;
+  compare("x1", bits(x.x1), bits(y.x1));
+  compare("x2", bits(x.x2), bits(y.x2));
+  compare("x3", bits(x.x3), bits(y.x3));
+  compare("x4", bits(x.x4), bits(y.x4));
+  compare("x5", bits(x.x5), bits(y.x5));
+  compare("x6", bits(x.x6), bits(y.x6));
   return difference;
 }
 

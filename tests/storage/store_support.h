@@ -33,12 +33,18 @@ IterationRecord RecordOf(int iteration);
 IterationRecord RecordWith(int iteration, Outcome outcome, double cost);
 StateChange ChangeTo(JobState state, TimeUs time_us = 1, std::string message = "");
 
+// Every field differs from its default. Its scenario is a preset's, so that it has a digest.
+GainSet OddGainSet(const std::string& id);
+GainSet PlainGainSet(const std::string& id, std::int64_t create_time_us = 1);
+
 // Each waits for the answer.
 absl::StatusOr<JobRecord> Create(JobStore& store, const std::string& id, const JobSpec& spec = PlainSpec(),
                                  TimeUs now = 1, const std::string& request_id = "", const std::string& digest = "");
 absl::Status Append(JobStore& store, const std::string& id, std::int64_t seq, const IterationRecord& record);
 absl::Status Change(JobStore& store, const std::string& id, std::int64_t seq, const StateChange& change);
 absl::Status Delete(JobStore& store, const std::string& id);
+absl::Status AddGainSets(JobStore& store, const std::vector<GainSet>& sets);
+absl::Status DeleteGainSet(JobStore& store, const std::string& id);
 
 // Creates a job with iterations 1..n as events 2..n + 1, without waiting for each.
 void CreateWithIterations(JobStore& store, const std::string& id, int n);
@@ -48,5 +54,6 @@ std::string Difference(const JobSpec& a, const JobSpec& b);
 std::string Difference(const JobReport& a, const JobReport& b);
 std::string Difference(const JobEvent& a, const JobEvent& b);
 std::string Difference(const JobRecord& a, const JobRecord& b);
+std::string Difference(const GainSet& a, const GainSet& b);
 
 }  // namespace orbitune::storage_test

@@ -1,6 +1,7 @@
 -- A database of schema version 1, as its server left it: a finished, a failed and a paused job.
 PRAGMA application_id = 1330790996;
 PRAGMA user_version = 1;
+PRAGMA foreign_keys = OFF;
 BEGIN TRANSACTION;
 CREATE TABLE deleted_jobs (
   job INTEGER PRIMARY KEY

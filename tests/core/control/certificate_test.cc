@@ -18,7 +18,8 @@ using testing::Random;
 // B(c) of docs/model.md, section 4, for p_r = G41 = 1.
 double Bound(double c, double target_eccentricity, double k1) {
   const double s = std::sqrt(2 * c), q = 1 - target_eccentricity;
-  return s / (q * (q - s)) + (2 * std::sqrt(c / (2 * k1)) + 2 * s) / q;
+  const double within = q * (q - s);
+  return s * std::max(1 / within, std::sqrt((4 + 1 / k1) / within));
 }
 
 TEST(SettlingLyapunovTest, IsTheLargestThatTheBoundAllows) {
@@ -46,7 +47,10 @@ TEST(SettlingLyapunovTest, GrowsWithDistanceAndFirstGain) {
   for (int i = 0; i < 1000; ++i) {
     const double distance = random.LogUniform(1e-6, 0.05), e = random.Uniform(0, 0.7), k1 = random.LogUniform(0.03, 30);
     EXPECT_LT(SettlingLyapunov(distance, e, k1), SettlingLyapunov(1.01 * distance, e, k1));
-    EXPECT_LT(SettlingLyapunov(distance, e, k1), SettlingLyapunov(distance, e, 1.01 * k1));
+    EXPECT_LE(SettlingLyapunov(distance, e, k1), SettlingLyapunov(distance, e, 1.01 * k1));
+    if (e < 0.4) {  // beyond, the radius alone may decide
+      EXPECT_LT(SettlingLyapunov(distance, e, k1), SettlingLyapunov(distance, e, 1.01 * k1));
+    }
   }
 }
 
