@@ -78,8 +78,11 @@ test("a job from the form: checked as one types, followed as it runs, reduced by
   await page.locator("[data-testid=distance] .u-over").hover();
   await page.waitForFunction(() => /\d km/.test(document.querySelector("[data-testid=distance] .u-legend")?.textContent ?? ""));
   await page.mouse.move(0, 0);
-  await page.setViewportSize({ width: 1180, height: 1300 });
   await page.evaluate(() => scrollTo(0, 0));
+  await page.setViewportSize({ width: 1000, height: 900 });
+  await page.waitForTimeout(300);
+  const { y, height } = await page.locator(".projections").boundingBox();
+  await page.setViewportSize({ width: 1000, height: Math.ceil(y + height + 10) });
   await page.waitForTimeout(300);
   await picture(page, "job");
   assert.ok(statSync(join(output, "job.png")).size < 200_000, "small enough for the README");

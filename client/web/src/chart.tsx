@@ -30,7 +30,14 @@ const colourOf = (name: string): string =>
 
 const font = "12px system-ui, sans-serif";
 
-function axis(label: string, size: number): uPlot.Axis {
+// Of a scale over many decades only these have a line.
+const decades: uPlot.Axis.Filter = (_u, splits) => {
+  const many = splits.length > 30;
+  return splits.map((v) => (many && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) > 1e-6 ? null : v));
+};
+
+function axis(label: string, size: number, log = false): uPlot.Axis {
+  const filter = log ? { filter: decades } : {};
   return {
     label,
     labelFont: font,
@@ -38,8 +45,8 @@ function axis(label: string, size: number): uPlot.Axis {
     font,
     size,
     stroke: () => colourOf("--muted"),
-    grid: { stroke: () => colourOf("--grid"), width: 1 },
-    ticks: { stroke: () => colourOf("--grid"), width: 1, size: 4 },
+    grid: { stroke: () => colourOf("--grid"), width: 1, ...filter },
+    ticks: { stroke: () => colourOf("--grid"), width: 1, size: 4, ...filter },
   };
 }
 
@@ -71,7 +78,7 @@ function options(props: ChartProps, log: boolean, width: number): uPlot.Options 
     axes: [
       { ...axis(props.xLabel, 34), values: (_u, splits) => splits.map(tick) },
       {
-        ...axis(props.yLabel, 58),
+        ...axis(props.yLabel, 58, log),
         values: (_u, splits) => splits.map((v) => (v === null ? "" : tick(v))),
       },
     ],
@@ -85,8 +92,9 @@ function options(props: ChartProps, log: boolean, width: number): uPlot.Options 
           label: curve.label,
           stroke: () => colourOf(curve.colour),
           width: curve.width ?? 1.5,
+          pxAlign: 0,
           ...(curve.dashed ? { dash: [5, 4] } : {}),
-          points: { show: props.x.length < 2 },
+          points: { show: (u) => u.data[0].length < 2 },
           value: (_u, v: number | null) => (v === null ? "–" : withUnit(significant(v), curve.unit ?? "")),
         }),
       ),

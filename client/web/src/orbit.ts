@@ -72,7 +72,7 @@ export function planes(target: Equinoctial): Plane[] {
   const { f, g, w } = frame(target);
   return [
     { title: "Target's orbital plane", axes: ["f", "g"], project: (v) => [dot(v, f), dot(v, g)] },
-    { title: "Edge of the target's orbital plane", axes: ["f", "w"], project: (v) => [dot(v, f), dot(v, w)] },
+    { title: "Edge of that plane", axes: ["f", "w"], project: (v) => [dot(v, f), dot(v, w)] },
     { title: "Inertial x–y", axes: ["x", "y"], project: (v) => [v[0], v[1]] },
     { title: "Inertial y–z", axes: ["y", "z"], project: (v) => [v[1], v[2]] },
   ];

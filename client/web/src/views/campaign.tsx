@@ -51,10 +51,12 @@ function useCampaign(name: string): Watched {
   useEffect(() => {
     const abort = new AbortController();
     latest.current = null;
-    const members = async () => {
+    // Progress is told now and then: what it came to in the end is asked for.
+    const reload = async () => {
       try {
-        const all = await loadMembers(name, abort.signal);
-        setState((old) => ({ ...old, members: new Map(all.map((m) => [keyOf(m), m])), error: "" }));
+        const [campaign, all] = await Promise.all([get<Campaign>(`/v1/${name}`, abort.signal), loadMembers(name, abort.signal)]);
+        latest.current = campaign;
+        setState((old) => ({ ...old, campaign, members: new Map(all.map((m) => [keyOf(m), m])), error: "" }));
       } catch (error) {
         if (!abort.signal.aborted) setState((old) => ({ ...old, error: messageOf(error) }));
       }
@@ -70,12 +72,12 @@ function useCampaign(name: string): Watched {
           for (const member of endedMembers) updated.set(keyOf(member), member);
           return { ...old, campaign, members: updated };
         });
-        if (campaign && before && campaign.state !== before) void members();
+        if (campaign && before && campaign.state !== before) void reload();
         if (campaign && isTerminal(campaign.state) && batch.some((e) => e.snapshot || e.state_change)) stream.close();
       },
       connected: (connected) => setState((old) => ({ ...old, connected: connected || (latest.current !== null && isTerminal(latest.current.state)) })),
     });
-    void members();
+    void reload();
     return () => {
       abort.abort();
       stream.close();
@@ -290,11 +292,11 @@ function Members({ members, iterations, best }: { members: CampaignMember[]; ite
               return (
                 <tr key={keyOf(m)}>
                   <td class="number">{m.number}</td>
-                  <td>{enumText(m.role, "MEMBER_ROLE_")}</td>
+                  <td class="nowrap">{enumText(m.role, "MEMBER_ROLE_")}</td>
                   <td>{m.job ? <a href={`#/${m.job}`}><State of={m.job_state} /></a> : "–"}</td>
                   <td class="progress">{m.job ? <Progress done={m.job_state === "JOB_STATE_SUCCEEDED" ? iterations : m.completed_iterations} of={iterations} label={`Progress of ${m.number}`} /> : null}</td>
                   <td class="number">{significant(episodeOf(m, "INITIAL")?.cost)}</td>
-                  <td>{after ? choiceText(after.choice) : "–"}</td>
+                  <td class="nowrap">{after ? choiceText(after.choice) : "–"}</td>
                   <td class="number">{significant(after?.cost)}</td>
                   <td class="number">{percent(after?.cost_reduction_percent)}</td>
                   <td>{after ? <GainsLine gains={after.gains} /> : "–"}</td>

@@ -43,6 +43,9 @@ export function FlightCharts({ flights, sync, settlingKm }: { flights: Flown[]; 
           ]}
         />
         <Chart {...time} title="V" yLabel="dimensionless" log curves={curves(drawn.lyapunov, "")} />
+      </div>
+      <Projections tracks={drawn.tracks} />
+      <div class="grid two">
         <Chart {...time} title="Control ‖u‖" yLabel="mm/s²" curves={curves(drawn.thrust, "mm/s²")} />
         <Chart
           {...time}
@@ -55,7 +58,6 @@ export function FlightCharts({ flights, sync, settlingKm }: { flights: Flown[]; 
           ]}
         />
       </div>
-      <Projections tracks={drawn.tracks} />
     </>
   );
 }

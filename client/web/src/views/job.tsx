@@ -438,7 +438,6 @@ export function JobView({ id }: { id: string }) {
           <ul class="warnings">{job.report!.warnings.map((w) => <li key={w.kind + w.message}>{w.message}</li>)}</ul>
         </section>
       )}
-      {job.report && <Report job={job} />}
       {flights.length > 0 && (
         <section aria-labelledby="flights">
           <h2 id="flights">First against best</h2>
@@ -449,6 +448,7 @@ export function JobView({ id }: { id: string }) {
         </section>
       )}
       {error && <Fault>{`The flights could not be simulated: ${error}`}</Fault>}
+      {job.report && <Report job={job} />}
       {job.report && (
         <section aria-labelledby="certificate">
           <h2 id="certificate">Certificate of the best gains</h2>
