@@ -208,7 +208,7 @@ TEST_F(SqliteOpen, SurvivesDamageAnywhere) {
     (void)Delete(**store, "a");
     (void)Create(**store, "b");
   }
-  EXPECT_GT(errors, 30);
+  EXPECT_GT(errors, 20);
 }
 
 TEST_F(SqliteOpen, NamesTheDirectoryThatWillNotDo) {
