@@ -169,18 +169,21 @@ function lastOf(values: Curve["values"]): number {
   return NaN;
 }
 
-// A word-sized curve.
-export function Sparkline({ values, label }: { values: number[]; label: string }) {
-  const shown = values.filter(Number.isFinite);
+// A word-sized curve through [x, y], ascending in x.
+export function Sparkline({ points, label }: { points: [number, number][]; label: string }) {
+  const shown = points.filter(([, y]) => Number.isFinite(y));
   if (shown.length < 2) return <svg class="spark" viewBox="0 0 96 22" aria-hidden="true" />;
-  const low = Math.min(...shown);
-  const span = Math.max(...shown) - low || 1;
-  const points = values
-    .map((v, i) => (Number.isFinite(v) ? `${((i * 94) / (values.length - 1) + 1).toFixed(1)},${(20 - ((v - low) / span) * 18).toFixed(1)}` : ""))
+  const costs = shown.map(([, y]) => y);
+  const low = Math.min(...costs);
+  const height = Math.max(...costs) - low || 1;
+  const first = shown[0]![0];
+  const width = shown[shown.length - 1]![0] - first || 1;
+  const line = shown
+    .map(([x, y]) => `${(1 + (94 * (x - first)) / width).toFixed(1)},${(20 - (18 * (y - low)) / height).toFixed(1)}`)
     .join(" ");
   return (
     <svg class="spark" viewBox="0 0 96 22" role="img" aria-label={label}>
-      <polyline points={points} />
+      <polyline points={line} />
     </svg>
   );
 }

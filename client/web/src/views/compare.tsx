@@ -4,9 +4,9 @@ import uPlot from "uplot";
 import { get } from "../api";
 import { Chart } from "../chart";
 import { count, duration, enumText, fixed, idOf, percent, real, reductionPercent, significant } from "../format";
-import { Fault, GainsLine, State } from "../parts";
+import { Fault, State, gainName } from "../parts";
 import { useLoaded, useTitle } from "../store";
-import type { Iteration, Job } from "../types";
+import { type Iteration, type Job, gainKeys } from "../types";
 
 const samplePoints = 600;
 const most = 8; // colours there are
@@ -84,7 +84,7 @@ const rows: [string, (job: Job) => preact.ComponentChildren][] = [
   ["Settling time, h", (job) => fixed((job.report?.best.result.settling_time_s ?? NaN) / 3600, 2)],
   ["Δv to settling, m/s", (job) => fixed(job.report?.best.result.delta_v_to_settling_m_s, 1)],
   ["Peak acceleration, mm/s²", (job) => fixed(1000 * real(job.report?.best.result.peak_acceleration_m_s2), 3)],
-  ["K₁ … K₅ of the best", (job) => <GainsLine gains={job.best_iteration?.gains} />],
+  ...gainKeys.map((key, i): [string, (job: Job) => string] => [`Best ${gainName(i)}`, (job) => significant(job.best_iteration?.gains[key])]),
   ["Ran for", (job) => duration(job.start_time && job.end_time ? (Date.parse(job.end_time) - Date.parse(job.start_time)) / 1000 : NaN)],
 ];
 

@@ -4,7 +4,7 @@ import { get, post, ApiError } from "../api";
 import { InitialConditionFields } from "../fields";
 import { type Form, type Texts, forms, textFaults, toInitialCondition, violationsByField } from "../form";
 import { type Flown, fly } from "../flights";
-import { count, enumText, fixed, flightTime, idOf, real, significant } from "../format";
+import { count, enumText, fixed, idOf, real, significant } from "../format";
 import { Fault, State, gainName } from "../parts";
 import { isMissing, messageOf, useLoaded, useTitle } from "../store";
 import { type Certificate, type Gains, type GainAnswer, type GainQueryAnswer, type OrbitState, type Scenario, gainKeys } from "../types";
@@ -149,7 +149,7 @@ export function GainsView() {
                   <th scope="col">Source</th>
                   <th scope="col">Outcome</th>
                   <th scope="col" class="number">J</th>
-                  <th scope="col" class="number">Settling time</th>
+                  <th scope="col" class="number">Settling time, h</th>
                   <th scope="col" class="number">Δv, m/s</th>
                   <th scope="col" class="number">Peak, mm/s²</th>
                   <th scope="col" class="number">Distance</th>
@@ -164,7 +164,7 @@ export function GainsView() {
                     <th scope="row" title={a.gain_set}>{sourceText(a)}{a.gain_set && <small>{` ${idOf(a.gain_set)}`}</small>}</th>
                     <td title={a.flight.outcome_message}><State of={a.flight.outcome} prefix="OUTCOME_" /></td>
                     <td class="number">{significant(a.flight.cost)}</td>
-                    <td class="number">{flightTime(a.flight.settling_time_s)}</td>
+                    <td class="number">{fixed(a.flight.settling_time_s / 3600, 2)}</td>
                     <td class="number">{fixed(a.flight.delta_v_m_s, 1)}</td>
                     <td class="number">{fixed(1000 * real(a.flight.peak_acceleration_m_s2), 3)}</td>
                     <td class="number">{significant(a.distance, 3)}</td>

@@ -39,27 +39,29 @@ function matches(job: Job, words: string): boolean {
   return words.split(/\s+/).every((word) => text.includes(word));
 }
 
-// Costs for the sparkline, fetched once a job, two jobs at a time; what a running job adds comes with the list.
+// [iteration, J] for the sparklines, fetched two jobs at a time: once for a job that has ended, and whenever a running one
+// has grown by half. In between, what a running job adds comes with the list.
 class Sparks {
-  private known = new Map<string, { upTo: number; costs: number[] }>();
+  private known = new Map<string, { fetched: number; points: [number, number][] }>();
   private wanted: Job[] = [];
   private busy = 0;
   constructor(private readonly changed: () => void) {}
 
-  of(job: Job): number[] {
-    const known = this.known.get(job.name);
-    if (!known) return [];
+  of(job: Job): [number, number][] {
+    const points = this.known.get(job.name)?.points ?? [];
     const latest = job.latest_iteration;
-    if (latest && latest.iteration > known.upTo) {
-      known.costs.push(real(latest.cost));
-      known.upTo = latest.iteration;
-      if (known.costs.length > 96) known.costs = known.costs.filter((_, i) => i % 2 === 0);
+    if (latest && points.length > 0 && latest.iteration > points[points.length - 1]![0]) {
+      points.push([latest.iteration, real(latest.cost)]);
     }
-    return known.costs;
+    return points;
   }
 
   want(jobs: Job[]): void {
-    this.wanted = jobs.filter((job) => job.completed_iterations > 1 && !this.known.has(job.name));
+    this.wanted = jobs.filter((job) => {
+      const fetched = this.known.get(job.name)?.fetched ?? 1;
+      const grown = job.completed_iterations > (isTerminal(job.state) ? fetched : 1.5 * fetched);
+      return job.completed_iterations > 1 && grown;
+    });
     this.next();
   }
 
@@ -68,13 +70,11 @@ class Sparks {
       const job = this.wanted.shift();
       if (!job) return;
       ++this.busy;
-      this.known.set(job.name, { upTo: job.completed_iterations, costs: [] });
-      get<{ iterations: Iteration[] }>(`/v1/${job.name}/iterations?max_points=40`)
-        .then(({ iterations }) => {
-          const last = iterations[iterations.length - 1]?.iteration ?? 0;
-          this.known.set(job.name, { upTo: last, costs: iterations.map((i) => real(i.cost)) });
-        })
-        .catch(() => this.known.delete(job.name))
+      const { name, completed_iterations: fetched } = job;
+      this.known.set(name, { fetched, points: this.known.get(name)?.points ?? [] });
+      get<{ iterations: Iteration[] }>(`/v1/${name}/iterations?max_points=40`)
+        .then(({ iterations }) => this.known.set(name, { fetched, points: iterations.map((i) => [i.iteration, real(i.cost)]) }))
+        .catch(() => this.known.delete(name))
         .finally(() => {
           --this.busy;
           this.changed();
@@ -180,7 +180,7 @@ export function JobsView() {
                     </td>
                     <td class="number">{significant(job.best_iteration?.cost)}</td>
                     <td class="number">{percent(reduction)}</td>
-                    <td><Sparkline values={sparks.current!.of(job)} label={`J of ${job.display_name || id} over its iterations`} /></td>
+                    <td><Sparkline points={sparks.current!.of(job)} label={`J of ${job.display_name || id} over its iterations`} /></td>
                     <td class="number time">{utc(job.create_time)}</td>
                     <td><JobActions job={job} compact done={list.reload} /></td>
                   </tr>
