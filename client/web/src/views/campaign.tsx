@@ -6,7 +6,7 @@ import { Chart } from "../chart";
 import { count, enumText, fixed, idOf, percent, real, significant, utc } from "../format";
 import { isTerminal } from "../job_events";
 import { Copy, Facts, Fault, GainsLine, Progress, State, gainName, orbitText } from "../parts";
-import { messageOf, useTitle } from "../store";
+import { isMissing, messageOf, useTitle } from "../store";
 import { type Campaign, type CampaignEvent, type CampaignMember, type CampaignResults, type GainsComparison, type MemberEpisode, gainKeys } from "../types";
 import { ended } from "./campaigns";
 
@@ -58,7 +58,9 @@ function useCampaign(name: string): Watched {
         latest.current = campaign;
         setState((old) => ({ ...old, campaign, members: new Map(all.map((m) => [keyOf(m), m])), error: "" }));
       } catch (error) {
-        if (!abort.signal.aborted) setState((old) => ({ ...old, error: messageOf(error) }));
+        if (abort.signal.aborted) return;
+        setState((old) => ({ ...old, error: messageOf(error) }));
+        if (isMissing(error)) stream.close();
       }
     };
     const stream = new Stream<CampaignEvent>(`/v1/${name}:watch`, {

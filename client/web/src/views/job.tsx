@@ -9,7 +9,7 @@ import { JobActions } from "../job_actions";
 import { JobEvents, isTerminal } from "../job_events";
 import { gainUnits } from "../orbit";
 import { Copy, Facts, Fault, GainsLine, Progress, State, gainName, orbitText, save } from "../parts";
-import { messageOf, useTitle } from "../store";
+import { isMissing, messageOf, useTitle } from "../store";
 import { type EpisodeResult, type GainsAssessment, type Iteration, type Job, gainKeys } from "../types";
 import { FlightCharts } from "./flight_charts";
 
@@ -71,6 +71,7 @@ function useJob(name: string): Live {
         // Lost with the connection: it is taken again when that is back.
         if (error instanceof ApiError && error.code === 0) return;
         live.error = messageOf(error);
+        if (isMissing(error)) stream.close();
         changed();
       }
     };
