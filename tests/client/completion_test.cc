@@ -43,7 +43,7 @@ TEST_F(Completion, IsValidBash) { EXPECT_EQ(std::system(("bash -n " + script_).c
 
 TEST_F(Completion, OffersCommandsOptionsAndNames) {
   EXPECT_EQ(Complete("orbitune s"), "scenarios submit show simulate");
-  EXPECT_EQ(Complete("orbitune --json submit --init"), "--initial-gains");
+  EXPECT_EQ(Complete("orbitune --json submit --initial-g"), "--initial-gains");
   EXPECT_EQ(Complete("orbitune history --format c"), "csv");
   EXPECT_EQ(Complete("orbitune completion b"), "bash");
   EXPECT_EQ(Complete("orbitune submit --scenario gto"), "gto-geo");

@@ -50,10 +50,11 @@ TEST(Csv, IterationRow) {
   iteration.mutable_gains()->set_k1(1e-3);
   iteration.set_cost_std(1.0 / 3);
   iteration.set_pairs_left_out(2);
-  EXPECT_EQ(
-      IterationCsvHeader(),
-      "iteration,cost,settling_samples,fuel_sum,outcome,k1,k2,k3,k4,k5,cost_std,pairs_left_out,pairs_not_settled");
-  EXPECT_EQ(IterationCsvRow(iteration), "12,0.1,30,2.5,NOT_SETTLED,0.001,0,0,0,0,0.3333333333333333,2,0");
+  iteration.set_episodes(396);
+  EXPECT_EQ(IterationCsvHeader(),
+            "iteration,cost,settling_samples,fuel_sum,outcome,k1,k2,k3,k4,k5,cost_std,pairs_left_out,pairs_not_settled,"
+            "episodes");
+  EXPECT_EQ(IterationCsvRow(iteration), "12,0.1,30,2.5,NOT_SETTLED,0.001,0,0,0,0,0.3333333333333333,2,0,396");
   iteration.clear_cost();
   EXPECT_EQ(IterationCsvRow(iteration).rfind("12,,30,", 0), 0u);
 }
