@@ -202,7 +202,7 @@ TEST_F(RestStreamTest, AStreamWithoutEventsBeats) {
 }
 
 TEST_F(RestStreamTest, ADrainEndsStreamsWithTheReason) {
-  const std::string name = client_->Create(ArsOptions::kMaxIterations);
+  const std::string name = client_->Create(SearchOptions::kMaxIterations);
   client_->WaitForIterations(name, 3);
   EventStream sse = Open(name, true);
   EventStream lines = Open(name, false);

@@ -168,7 +168,7 @@ TEST_F(RestTest, LongAnswersArePackedForWhoeverTakesThem) {
 
 TEST_F(RestTest, TransitionsAreOneCallEach) {
   const std::string name =
-      Parsed<v1::Job>(Post("/v1/jobs", ToJson(CreateRequest(ArsOptions::kMaxIterations).job()))).name();
+      Parsed<v1::Job>(Post("/v1/jobs", ToJson(CreateRequest(SearchOptions::kMaxIterations).job()))).name();
   const v1::Job paused = Parsed<v1::Job>(Post("/v1/" + name + ":pause", ""));
   EXPECT_EQ(paused.state(), v1::JOB_STATE_PAUSED);
   EXPECT_EQ(ErrorOf(Post("/v1/" + name + ":resume", R"({"etag":"wrong"})")).at("status"), "ABORTED");
