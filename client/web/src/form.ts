@@ -38,7 +38,7 @@ export const searchFields: FieldSpec[] = [
 ];
 export const moreFields: FieldSpec[] = [
   { key: "max_episodes", label: "Episodes at most", unit: "", range: "≥ 0; 0: no bound (ARS)", flag: "--max-episodes", integer64: true },
-  { key: "plateau_stop.iterations", label: "End after a plateau of", unit: "iterations", range: "≥ 0; 0: never", flag: "--plateau" },
+  { key: "plateau_stop.iterations", label: "End on a plateau of", unit: "iterations", range: "≥ 0; 0: never", flag: "--plateau" },
   { key: "plateau_stop.min_improvement", label: "Least improvement", unit: "of J", range: "0 … < 1", flag: "--plateau-improvement" },
   { key: "ars_variants.top_directions", label: "Best directions b", unit: "", range: "0 … N; 0: all", flag: "--top-directions", only: ars },
   { key: "ars_variants.step_schedule", label: "α falls", unit: "", range: "", flag: "--step-schedule", choices: schedules, only: ars },
@@ -62,7 +62,7 @@ export const forms: Record<Exclude<Form, "chaser">, FieldSpec[]> = {
     { key: "eccentricity", label: "Eccentricity e", unit: "", range: "0 … < 1" },
     { key: "inclination_deg", label: "Inclination i", unit: "deg", range: "0 … < 180" },
     { key: "raan_deg", label: "RAAN Ω", unit: "deg", range: "" },
-    { key: "argument_of_periapsis_deg", label: "Argument of periapsis ω", unit: "deg", range: "" },
+    { key: "argument_of_periapsis_deg", label: "Arg. of periapsis ω", unit: "deg", range: "" },
     { key: "true_longitude_deg", label: "True longitude L", unit: "deg", range: "ω + Ω + ν" },
   ],
   equinoctial: [

@@ -30,7 +30,10 @@ export function significant(value: Real | null | undefined, digits = 5): string 
 // In running text: no digits that say nothing. 24364, 0.7306, 10
 export function brief(value: Real | null | undefined, digits = 7): string {
   const number = real(value);
-  return Number.isFinite(number) ? signed(String(+number.toPrecision(digits))) : significant(value);
+  if (!Number.isFinite(number)) return significant(value);
+  const short = +number.toPrecision(digits);
+  const small = short !== 0 && Math.abs(short) < 1e-3;
+  return signed((small ? short.toExponential() : String(short)).replace("e-", `e${minus}`));
 }
 
 export function fixed(value: Real | null | undefined, decimals: number): string {

@@ -105,7 +105,7 @@ export function orbitText(state: OrbitState | null | undefined): string {
     const values = of as Record<string, number | null | undefined>;
     return rows
       .filter(([key]) => values[key] !== undefined && values[key] !== null)
-      .map(([key, name, unit]) => `${name} ${unit === "°" ? `${brief(values[key], 6)}°` : withUnit(brief(values[key]), unit)}`)
+      .map(([key, name, unit]) => `${name} ${unit === "°" ? `${brief(values[key], 6)}°` : withUnit(brief(values[key], 6), unit)}`)
       .join(", ");
   };
   if (k) return list(keplerianRows, k);

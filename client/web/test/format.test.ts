@@ -21,6 +21,8 @@ test("numbers have so many significant digits, and an exponent where they are ve
 test("running text has no digits that say nothing", () => {
   assert.equal(brief(24364.0000001), "24364");
   assert.equal(brief(-0.25), "−0.25");
+  assert.equal(brief(-0.0000543), "−5.43e−5");
+  assert.equal(brief(0), "0");
   assert.equal(brief("NaN"), "–");
 });
 

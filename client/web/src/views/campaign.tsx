@@ -298,7 +298,7 @@ function Members({ members, iterations, best }: { members: CampaignMember[]; ite
                   <td>{m.job ? <a href={`#/${m.job}`}><State of={m.job_state} /></a> : "–"}</td>
                   <td class="progress">{m.job ? <Progress done={m.job_state === "JOB_STATE_SUCCEEDED" ? iterations : m.completed_iterations} of={iterations} label={`Progress of ${m.number}`} /> : null}</td>
                   <td class="number">{significant(episodeOf(m, "INITIAL")?.cost)}</td>
-                  <td class="nowrap">{after ? choiceText(after.choice) : "–"}</td>
+                  <td class="nowrap">{!after ? "–" : m.role === "MEMBER_ROLE_ROBUST" ? "robust" : choiceText(after.choice)}</td>
                   <td class="number">{significant(after?.cost)}</td>
                   <td class="number">{percent(after?.cost_reduction_percent)}</td>
                   <td>{after ? <GainsLine gains={after.gains} /> : "–"}</td>
