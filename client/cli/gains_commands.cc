@@ -76,8 +76,9 @@ void PrintAnswers(const v1::QueryGainsResponse& response, std::ostream& out) {
   out << absl::StrFormat("%d of %d candidates settle; %d gain sets stored for this scenario",
                          response.candidates_settled(), response.candidates(), position.library_size());
   if (position.has_nearest_distance()) {
-    out << absl::StrFormat(", the nearest at %.3g of their spread (usual: %.3g)%s", position.nearest_distance(),
-                           position.typical_distance(), position.extrapolated() ? ": EXTRAPOLATED" : "");
+    out << absl::StrFormat(", the nearest at %.3g of their spread", position.nearest_distance());
+    if (position.has_typical_distance()) out << absl::StrFormat(" (usual: %.3g)", position.typical_distance());
+    if (position.extrapolated()) out << ": EXTRAPOLATED";
   }
   out << '\n';
   if (response.has_refinement()) {

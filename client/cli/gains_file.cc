@@ -307,7 +307,7 @@ std::string Identifier(const std::string& name) {
 // What must not end a comment early.
 std::string InComment(const std::string& text) {
   std::string safe;
-  for (const char c : Printable(text)) safe += (c == '*' || c == '/' || c == '\\') ? '.' : c;
+  for (const char c : Printable(text)) safe += (c == '*' || c == '\\') ? '.' : c;
   return safe;
 }
 

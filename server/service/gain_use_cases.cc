@@ -101,10 +101,11 @@ std::string GainUseCases::Advice(const Scenario& scenario, const GainQueryAnswer
                           "; the answer is its initial gains, flown from this start.",
                           SimilarScenarios(scenario, answer.scenario_digest));
   } else if (position.extrapolated && position.located > 0) {
-    advice = absl::StrFormat(
-        "This start is outside of the library: %.3g of its spreads from the nearest start stored, where %.3g is usual "
-        "between two of them.",
-        position.nearest_distance, position.typical_distance);
+    advice = absl::StrFormat("This start is outside of the library: %.3g of its spreads from the nearest start stored",
+                             position.nearest_distance);
+    absl::StrAppend(&advice, std::isnan(position.typical_distance)
+                                 ? ", and no other is stored."
+                                 : absl::StrFormat(", where %.3g is usual between two.", position.typical_distance));
   }
   if (!result.settled()) {
     absl::StrAppend(&advice, advice.empty() ? "" : " ", "None of the ", result.candidates,
