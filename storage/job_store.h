@@ -87,6 +87,12 @@ class JobStore {
   virtual absl::StatusOr<std::vector<IterationRecord>> ListIterations(const std::string& id, int after_iteration,
                                                                       int limit) const = 0;
 
+  // At most `max_points` (>= 16) of all the job's iterations, ascending: all, where there are no more; else the first,
+  // the last, the best, and of equal stretches of the history the iteration of least and that of greatest cost, one
+  // without a cost counting as the greatest. NOT_FOUND for an unknown job.
+  virtual absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id,
+                                                                        int max_points) const = 0;
+
   // Events after `after_seq`, ascending and dense, at most `limit`. NOT_FOUND for an unknown job.
   virtual absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                            int limit) const = 0;

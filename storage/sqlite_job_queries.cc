@@ -1,6 +1,10 @@
 #include "storage/sqlite_job_queries.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <tuple>
 
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
@@ -108,6 +112,48 @@ absl::StatusOr<JobProgress> ReadProgress(Connection& connection, const std::stri
   if (!row.ok()) return row.status();
   if (!*row) return JobNotFound(id);
   return JobProgress{.key = statement->Int(0), .last_seq = statement->Int(1), .iterations = statement->Int(2)};
+}
+
+// The iterations of least and of greatest cost within one stretch of a history.
+struct Extremes {
+  std::int64_t least = 0;  // 0: none yet
+  std::int64_t greatest = 0;
+  double least_cost = 0;
+  double greatest_cost = 0;
+
+  void Add(std::int64_t iteration, double cost) {
+    if (std::isnan(cost)) cost = std::numeric_limits<double>::infinity();
+    if (least == 0 || cost < least_cost) std::tie(least, least_cost) = std::tie(iteration, cost);
+    if (greatest == 0 || cost > greatest_cost) std::tie(greatest, greatest_cost) = std::tie(iteration, cost);
+  }
+};
+
+// Which iterations JobStore::SampleIterations shows of a history that has more than max_points. Reads two columns.
+absl::StatusOr<std::set<std::int64_t>> PickIterations(Connection& connection, const JobProgress& progress,
+                                                      int max_points) {
+  std::set<std::int64_t> picked{1, progress.iterations};
+  auto best = connection.Prepare("SELECT best_iteration FROM jobs WHERE key = ? AND best_iteration IS NOT NULL");
+  if (!best.ok()) return best.status();
+  absl::Status status = best->Bind(progress.key).ForEachRow([&] {
+    picked.insert(best->Int(0));
+    return absl::OkStatus();
+  });
+  if (!status.ok()) return status;
+
+  std::vector<Extremes> stretches(static_cast<std::size_t>((max_points - 3) / 2));
+  const auto count = static_cast<std::int64_t>(stretches.size());
+  auto rows = connection.Prepare("SELECT iteration, cost FROM iterations WHERE job = ? AND iteration BETWEEN 1 AND ?");
+  if (!rows.ok()) return rows.status();
+  status = rows->Bind(progress.key, progress.iterations).ForEachRow([&] {
+    const std::int64_t iteration = rows->Int(0);
+    stretches[static_cast<std::size_t>((iteration - 1) * count / progress.iterations)].Add(iteration, rows->Real(1));
+    return absl::OkStatus();
+  });
+  if (!status.ok()) return status;
+  for (const Extremes& extremes : stretches) {
+    if (extremes.least != 0) picked.insert({extremes.least, extremes.greatest});
+  }
+  return picked;
 }
 
 absl::StatusOr<IterationRecord> IterationIn(const Statement& row) {
@@ -230,6 +276,23 @@ absl::StatusOr<std::vector<IterationRecord>> ReadIterationsOf(Connection& connec
   for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
     const std::int64_t expected = after + 1 + static_cast<std::int64_t>(i);
     if (i >= records->size() || (*records)[i].iteration != expected) return MissingIteration(id, expected);
+  }
+  return records;
+}
+
+absl::StatusOr<std::vector<IterationRecord>> SampleIterationsOf(Connection& connection, const std::string& id,
+                                                                int max_points) {
+  const absl::StatusOr<JobProgress> progress = ReadProgress(connection, id);
+  if (!progress.ok()) return progress.status();
+  if (progress->iterations <= max_points) return ReadIterationsOf(connection, id, 0, max_points);
+  const auto picked = PickIterations(connection, *progress, max_points);
+  if (!picked.ok()) return InJob(id, picked.status());
+  std::vector<IterationRecord> records;
+  for (const std::int64_t iteration : *picked) {
+    const auto found = ReadIterations(connection, progress->key, iteration, 1);
+    if (!found.ok()) return InJob(id, found.status());
+    if (found->empty() || found->front().iteration != iteration) return MissingIteration(id, iteration);
+    records.push_back(found->front());
   }
   return records;
 }

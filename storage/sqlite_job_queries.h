@@ -24,9 +24,11 @@ absl::StatusOr<std::vector<JobRecord>> ReadJobs(Connection& connection, const Li
 absl::StatusOr<std::vector<IterationRecord>> ReadIterations(Connection& connection, std::int64_t job_key,
                                                             std::int64_t first, std::int64_t count);
 
-// As JobStore::ListIterations and JobStore::ListEvents.
+// As JobStore::ListIterations, JobStore::SampleIterations and JobStore::ListEvents.
 absl::StatusOr<std::vector<IterationRecord>> ReadIterationsOf(Connection& connection, const std::string& id,
                                                               int after_iteration, int limit);
+absl::StatusOr<std::vector<IterationRecord>> SampleIterationsOf(Connection& connection, const std::string& id,
+                                                                int max_points);
 absl::StatusOr<std::vector<JobEvent>> ReadEventsOf(Connection& connection, const std::string& id,
                                                    std::int64_t after_seq, int limit);
 

@@ -1,5 +1,6 @@
 #include "server/api/tuning.h"
 
+#include "core/base/status.h"
 #include "server/api/answer.h"
 #include "server/convert/job.h"
 
@@ -67,7 +68,12 @@ std::shared_ptr<Feed> TuningApi::WatchJob(const v1::WatchJobRequest& request) { 
 absl::Status TuningApi::ListIterations(const v1::ListIterationsRequest& request, v1::ListIterationsResponse* out) {
   const auto id = JobId(request.parent(), "parent");
   if (!id.ok()) return id.status();
-  const auto page = use_cases_.ListIterations(*id, request.page_size(), request.page_token());
+  if (request.max_points() != 0 && (request.page_size() != 0 || !request.page_token().empty())) {
+    return InvalidField("max_points", "0 where page_size or page_token is set", request.max_points());
+  }
+  const auto page = request.max_points() != 0
+                        ? use_cases_.SampleIterations(*id, request.max_points())
+                        : use_cases_.ListIterations(*id, request.page_size(), request.page_token());
   return AnswerPage(page, out, [out] { return out->add_iterations(); });
 }
 

@@ -7,6 +7,7 @@
 #include "absl/strings/str_join.h"
 #include "core/base/status.h"
 #include "server/api/json.h"
+#include "server/rest/compress.h"
 #include "server/rest/error.h"
 #include "server/rest/openapi.h"
 #include "server/rest/text.h"
@@ -159,6 +160,7 @@ HttpReply Gateway::Answer(const RouteTable::Match& match, const Exchange& exchan
   if (!status.ok()) return ErrorReply(status);
   HttpReply reply = Ok(kJson, ToJson(*response) + "\n");
   reply.headers.emplace_back("Cache-Control", "no-store");
+  if (Accepts(exchange.request.header("Accept-Encoding"), "gzip")) Compress(reply);
   return reply;
 }
 

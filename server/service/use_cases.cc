@@ -372,6 +372,15 @@ absl::StatusOr<Page<IterationRecord>> UseCases::ListIterations(const std::string
   return page;
 }
 
+absl::StatusOr<Page<IterationRecord>> UseCases::SampleIterations(const std::string& id, int max_points) {
+  if (max_points < 16 || max_points > 10'000) {
+    return InvalidField("max_points", "0 or in [16, 10000]", max_points);
+  }
+  auto records = store_.SampleIterations(id, max_points);
+  if (!records.ok()) return records.status();
+  return Page<IterationRecord>{.items = *std::move(records)};
+}
+
 absl::StatusOr<Page<Scenario>> UseCases::ListScenarios(int page_size, const std::string& page_token) {
   const auto size = PageSize(page_size, 50, 1000);
   if (!size.ok()) return size.status();

@@ -209,6 +209,19 @@ TEST_F(UseCasesTest, IterationsComeInPages) {
   EXPECT_EQ(use_cases_.ListIterations(id, 25, "")->next_page_token, "");
 }
 
+TEST_F(UseCasesTest, IterationsComeAsASample) {
+  const std::string id = CreateEnded(25);
+  EXPECT_EQ(use_cases_.SampleIterations(id, 25)->items.size(), 25u);
+  const auto sample = use_cases_.SampleIterations(id, 16);
+  ASSERT_TRUE(sample.ok()) << sample.status();
+  EXPECT_LE(sample->items.size(), 16u);
+  EXPECT_EQ(sample->items.back().iteration, 25);
+  EXPECT_EQ(sample->next_page_token, "");
+  for (const int wrong : {-1, 15, 10'001}) {
+    EXPECT_THAT(ViolatedFields(use_cases_.SampleIterations(id, wrong).status()), ElementsAre("max_points")) << wrong;
+  }
+}
+
 TEST_F(UseCasesTest, ScenariosComeInPages) {
   std::vector<std::string> ids;
   std::string token;

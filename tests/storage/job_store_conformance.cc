@@ -4,6 +4,7 @@
 #include <array>
 #include <atomic>
 #include <limits>
+#include <set>
 #include <thread>
 
 #include "absl/strings/str_cat.h"
@@ -150,6 +151,45 @@ TEST_P(JobStoreConformance, ListsIterationsFromAny) {
     for (std::size_t i = 0; i < records->size(); ++i) {
       EXPECT_TRUE(Identical((*records)[i], RecordOf(begin + 1 + static_cast<int>(i))));
     }
+  }
+}
+
+TEST_P(JobStoreConformance, SamplesAllOfAShortHistory) {
+  CreateWithIterations(store(), "a", 16);
+  const auto records = store().SampleIterations("a", 16);
+  ASSERT_TRUE(records.ok()) << records.status();
+  ASSERT_EQ(records->size(), 16u);
+  for (int i = 0; i < 16; ++i) EXPECT_TRUE(Identical((*records)[static_cast<std::size_t>(i)], RecordOf(i + 1)));
+  EXPECT_TRUE(absl::IsNotFound(store().SampleIterations("none", 16).status()));
+}
+
+// Peaks, dips and an iteration without a cost, each a single one among 2000, are in any sample.
+TEST_P(JobStoreConformance, SamplesKeepTheExtremesOfALongHistory) {
+  constexpr int kCount = 2000;
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  ASSERT_TRUE(Create(store(), "a").ok());
+  for (int i = 1; i <= kCount; ++i) {
+    double cost = 1000 - 0.1 * i;
+    if (i == 777) cost = 5000;
+    if (i == 1301) cost = 2;
+    if (i == 1500) cost = kNan;
+    const Outcome outcome = i == 1500 ? Outcome::kLeftDomain : i == 1301 ? Outcome::kNotSettled : Outcome::kSettled;
+    store().AppendIteration("a", i + 1, RecordWith(i, outcome, cost), {}, [](absl::Status) {});
+  }
+  store().Flush();
+  for (const int max_points : {16, 17, 100, 1999}) {
+    SCOPED_TRACE(max_points);
+    const auto records = store().SampleIterations("a", max_points);
+    ASSERT_TRUE(records.ok()) << records.status();
+    EXPECT_LE(records->size(), static_cast<std::size_t>(max_points));
+    EXPECT_GE(records->size(), static_cast<std::size_t>(max_points / 2));
+    std::set<int> seen;
+    for (const IterationRecord& record : *records) {
+      EXPECT_TRUE(seen.empty() || record.iteration > *seen.rbegin());
+      seen.insert(record.iteration);
+    }
+    for (const int kept : {1, 777, 1301, 1500, kCount}) EXPECT_TRUE(seen.contains(kept)) << kept;
+    EXPECT_TRUE(seen.contains(store().GetJob("a")->best->iteration));
   }
 }
 

@@ -1,0 +1,189 @@
+// Curves: uPlot in the page's colours, as wide as there is room, with the values under the cursor and their units.
+import { useEffect, useRef, useState } from "preact/hooks";
+import uPlot from "uplot";
+import { significant, withUnit } from "./format";
+
+export interface Curve {
+  label: string;
+  unit?: string;
+  colour: string; // a custom property: "--c1"
+  dashed?: boolean;
+  width?: number;
+  values: (number | null)[] | number[];
+}
+
+export interface ChartProps {
+  title: string;
+  xLabel: string; // with its unit
+  yLabel: string;
+  x: number[];
+  curves: Curve[];
+  height?: number;
+  log?: boolean; // at first
+  xFormat?: (x: number) => string;
+  sync?: string; // cursors of charts of one name move together
+  testId?: string;
+}
+
+const colourOf = (name: string): string =>
+  name.startsWith("--") ? getComputedStyle(document.documentElement).getPropertyValue(name).trim() : name;
+
+const font = "12px system-ui, sans-serif";
+
+// Of a scale over many decades only these have a line.
+const decades: uPlot.Axis.Filter = (_u, splits) => {
+  const many = splits.length > 30;
+  return splits.map((v) => (many && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) > 1e-6 ? null : v));
+};
+
+function axis(label: string, size: number, log = false): uPlot.Axis {
+  const filter = log ? { filter: decades } : {};
+  return {
+    label,
+    labelFont: font,
+    labelSize: 18,
+    font,
+    size,
+    stroke: () => colourOf("--muted"),
+    grid: { stroke: () => colourOf("--grid"), width: 1, ...filter },
+    ticks: { stroke: () => colourOf("--grid"), width: 1, size: 4, ...filter },
+  };
+}
+
+const tick = (value: number | null): string =>
+  value === null ? "" : value !== 0 && (Math.abs(value) >= 1e5 || Math.abs(value) < 1e-3) ? value.toExponential().replace("e+", "e").replace("-", "−") : String(+value.toPrecision(6)).replace("-", "−");
+
+// Log scales have no room for what is not above zero.
+function positive(values: Curve["values"]): (number | null)[] {
+  return Array.from(values, (v) => (v !== null && v > 0 ? v : null));
+}
+
+const finite = (values: Curve["values"]): (number | null)[] =>
+  Array.from(values, (v) => (v !== null && Number.isFinite(v) ? v : null));
+
+function options(props: ChartProps, log: boolean, width: number): uPlot.Options {
+  return {
+    width,
+    height: props.height ?? 260,
+    cursor: {
+      ...(props.sync ? { sync: { key: props.sync } } : {}),
+      points: { size: 7 },
+      drag: { x: true, y: false },
+    },
+    legend: { live: true },
+    scales: {
+      x: { time: false },
+      y: log ? { distr: 3 } : { range: (_u, min, max) => uPlot.rangeNum(min, max, 0.08, true) },
+    },
+    axes: [
+      { ...axis(props.xLabel, 34), values: (_u, splits) => splits.map(tick) },
+      {
+        ...axis(props.yLabel, 58, log),
+        values: (_u, splits) => splits.map((v) => (v === null ? "" : tick(v))),
+      },
+    ],
+    series: [
+      {
+        label: props.xLabel.replace(/,.*/, ""),
+        value: (_u, v: number | null) => (v === null ? "–" : (props.xFormat ?? tick)(v)),
+      },
+      ...props.curves.map(
+        (curve): uPlot.Series => ({
+          label: curve.label,
+          stroke: () => colourOf(curve.colour),
+          width: curve.width ?? 1.5,
+          pxAlign: 0,
+          ...(curve.dashed ? { dash: [5, 4] } : {}),
+          points: { show: (u) => u.data[0].length < 2 },
+          value: (_u, v: number | null) => (v === null ? "–" : withUnit(significant(v), curve.unit ?? "")),
+        }),
+      ),
+    ],
+  };
+}
+
+export function Chart(props: ChartProps) {
+  const place = useRef<HTMLDivElement>(null);
+  const plot = useRef<uPlot | null>(null);
+  const [log, setLog] = useState(props.log ?? false);
+  const shape = JSON.stringify([log, props.title, props.xLabel, props.yLabel, props.curves.map((c) => [c.label, c.colour, c.unit])]);
+  const data = (): uPlot.AlignedData =>
+    [props.x, ...props.curves.map((c) => (log ? positive(c.values) : finite(c.values)))] as uPlot.AlignedData;
+
+  useEffect(() => {
+    const box = place.current!;
+    const made = new uPlot(options(props, log, Math.max(240, box.clientWidth)), data(), box);
+    plot.current = made;
+    const resize = new ResizeObserver(() => {
+      const width = Math.max(240, box.clientWidth);
+      if (width !== made.width) made.setSize({ width, height: props.height ?? 260 });
+    });
+    resize.observe(box);
+    const theme = matchMedia("(prefers-color-scheme: dark)");
+    const redraw = () => made.redraw(false, true);
+    theme.addEventListener("change", redraw);
+    return () => {
+      theme.removeEventListener("change", redraw);
+      resize.disconnect();
+      made.destroy();
+      plot.current = null;
+    };
+  }, [shape]);
+
+  useEffect(() => {
+    const made = plot.current;
+    if (!made) return;
+    // What was zoomed into stays.
+    const all = made.data[0];
+    const { min, max } = made.scales.x!;
+    const zoomed = typeof min === "number" && typeof max === "number" && (min > all[0]! || max < all[all.length - 1]!);
+    made.setData(data(), !zoomed);
+    if (zoomed) made.setScale("x", { min, max });
+  }, [props.x, ...props.curves.map((c) => c.values)]);
+
+  const last = props.curves.map((c) => `${c.label} ${withUnit(significant(lastOf(c.values)), c.unit ?? "")}`).join(", ");
+  return (
+    <figure class="chart" data-testid={props.testId} data-points={props.x.length}>
+      <figcaption>
+        <span>{props.title}</span>
+        <button
+          type="button"
+          class="quiet"
+          aria-pressed={log}
+          aria-label={`Logarithmic scale of ${props.title}`}
+          onClick={() => setLog(!log)}
+        >
+          {log ? "log" : "lin"}
+        </button>
+      </figcaption>
+      <div ref={place} role="img" aria-label={`${props.title} over ${props.xLabel}. Last: ${last}`} />
+    </figure>
+  );
+}
+
+function lastOf(values: Curve["values"]): number {
+  for (let i = values.length - 1; i >= 0; --i) {
+    const value = values[i];
+    if (value !== null && value !== undefined && Number.isFinite(value)) return value;
+  }
+  return NaN;
+}
+
+// A word-sized curve through [x, y], ascending in x.
+export function Sparkline({ points, label }: { points: [number, number][]; label: string }) {
+  const shown = points.filter(([, y]) => Number.isFinite(y));
+  if (shown.length < 2) return <svg class="spark" viewBox="0 0 96 22" aria-hidden="true" />;
+  const costs = shown.map(([, y]) => y);
+  const low = Math.min(...costs);
+  const height = Math.max(...costs) - low || 1;
+  const first = shown[0]![0];
+  const width = shown[shown.length - 1]![0] - first || 1;
+  const line = shown
+    .map(([x, y]) => `${(1 + (94 * (x - first)) / width).toFixed(1)},${(20 - (18 * (y - low)) / height).toFixed(1)}`)
+    .join(" ");
+  return (
+    <svg class="spark" viewBox="0 0 96 22" role="img" aria-label={label}>
+      <polyline points={line} />
+    </svg>
+  );
+}
