@@ -9,6 +9,10 @@
 namespace orbitune {
 namespace {
 
+// No element of an orbit is larger, in whatever unit.
+constexpr char kSensible[] = "in [-1e9, 1e9]";
+bool Sensible(double value) { return std::abs(value) <= 1e9; }
+
 constexpr std::uint32_t kMostAttempts = 1000;
 // Whether a state is an ellipse does not depend on it in the forms that are drawn.
 constexpr double kAnyMu = 1;
@@ -36,21 +40,21 @@ void VisitVariates(const EquinoctialDistribution& d, V&& visit) {
 }
 
 void Check(FieldErrors& errors, const std::string& field, const FixedValue& v) {
-  if (!std::isfinite(v.value)) errors.AddNumber(absl::StrCat(field, ".fixed"), "finite", v.value);
+  if (!Sensible(v.value)) errors.AddNumber(absl::StrCat(field, ".fixed"), kSensible, v.value);
 }
 
 void Check(FieldErrors& errors, const std::string& field, const UniformVariate& v) {
-  if (!std::isfinite(v.low)) errors.AddNumber(absl::StrCat(field, ".uniform.low"), "finite", v.low);
-  if (!(std::isfinite(v.high) && v.high >= v.low)) {
-    errors.AddNumber(absl::StrCat(field, ".uniform.high"), absl::StrCat(">= low = ", FormatNumber(v.low), ", finite"),
-                     v.high);
+  if (!Sensible(v.low)) errors.AddNumber(absl::StrCat(field, ".uniform.low"), kSensible, v.low);
+  if (!(Sensible(v.high) && v.high >= v.low)) {
+    errors.AddNumber(absl::StrCat(field, ".uniform.high"),
+                     absl::StrCat(">= low = ", FormatNumber(v.low), ", at most 1e9"), v.high);
   }
 }
 
 void Check(FieldErrors& errors, const std::string& field, const NormalVariate& v) {
-  if (!std::isfinite(v.mean)) errors.AddNumber(absl::StrCat(field, ".normal.mean"), "finite", v.mean);
-  if (!(std::isfinite(v.standard_deviation) && v.standard_deviation >= 0)) {
-    errors.AddNumber(absl::StrCat(field, ".normal.standard_deviation"), ">= 0 and finite", v.standard_deviation);
+  if (!Sensible(v.mean)) errors.AddNumber(absl::StrCat(field, ".normal.mean"), kSensible, v.mean);
+  if (!(Sensible(v.standard_deviation) && v.standard_deviation >= 0)) {
+    errors.AddNumber(absl::StrCat(field, ".normal.standard_deviation"), "in [0, 1e9]", v.standard_deviation);
   }
 }
 
