@@ -11,7 +11,8 @@
 
 namespace orbitune::cli {
 
-// Fills scenario or scenario_definition, and initial_condition: for Job, SimulateEpisodeRequest and QueryGainsRequest alike.
+// Fills scenario or scenario_definition, and initial_condition: for Job, SimulateEpisodeRequest and QueryGainsRequest
+// alike.
 template <typename Message>
 absl::Status SetFlight(const FlightOptions& options, Message* message);
 

@@ -235,7 +235,7 @@ TEST_F(SearchJobsTest, AWarmStartThatIsNoneIsRefusedNamingWhatItMustBe) {
     return std::string(engine.use_cases().CreateJob(job, "", true).status().message());
   };
   EXPECT_THAT(message("nonsense"), HasSubstr("job.warm_start: must be jobs/ID or gainSets/ID"));
-  EXPECT_THAT(message("gainSets/a"), HasSubstr("job.warm_start: must be jobs/ID or gainSets/ID"));
+  EXPECT_THAT(message("gainSets/a"), HasSubstr("job.warm_start: must be the name of a gain set that there is"));
   EXPECT_THAT(message("jobs/none"), HasSubstr("a job that there is"));
   EXPECT_THAT(message("jobs/" + running), HasSubstr("a job that has ended"));
   EXPECT_THAT(message("jobs/" + ended,

@@ -100,9 +100,9 @@ TEST(DistributionTest, NamesEveryFieldOutOfRange) {
                                 .position_deg = NormalVariate{.mean = 0, .standard_deviation = -1}};
   for (const FieldViolation& v : FieldViolationsOf(Validate(d))) faults.push_back(v.field + " " + v.description);
   EXPECT_EQ(faults, (std::vector<std::string>{
-                        "keplerian.semi_major_axis_km.fixed must be finite, got nan",
-                        "keplerian.inclination_deg.uniform.high must be >= low = 10, finite, got 5",
-                        "keplerian.true_anomaly_deg.normal.standard_deviation must be >= 0 and finite, got -1",
+                        "keplerian.semi_major_axis_km.fixed must be in [-1e9, 1e9], got nan",
+                        "keplerian.inclination_deg.uniform.high must be >= low = 10, at most 1e9, got 5",
+                        "keplerian.true_anomaly_deg.normal.standard_deviation must be in [0, 1e9], got -1",
                     }));
   EXPECT_FALSE(Validate(IcDistribution()).ok());
 }
