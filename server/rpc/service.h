@@ -28,23 +28,39 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
   explicit StreamReactor(std::shared_ptr<Feed> feed) : feed_(std::move(feed)) { Next(); }
 
   void OnWriteDone(bool ok) override {
-    if (!ok) feed_->End(absl::CancelledError("the watcher is gone"));
+    if (!ok) {
+      feed_->End(absl::CancelledError("the watcher is gone"));
+      sent_ = items_.size();
+    }
     Next();
   }
   void OnCancel() override { feed_->End(absl::CancelledError("cancelled by the watcher")); }
   void OnDone() override { delete this; }
 
  private:
+  // What is taken from the feed at a time. All but the last of it may wait in gRPC's buffer for the last: one write to
+  // the socket.
+  static constexpr std::size_t kTogether = 16;
+
   void Next() {
-    feed_->Next(1, [this](Feed::Batch batch) {
+    if (sent_ < items_.size()) return Write();
+    feed_->Next(kTogether, [this](Feed::Batch batch) {
       if (batch.end) return this->Finish(ToGrpc(*batch.end));
-      sending_ = std::move(batch.items[0]);
-      this->StartWrite(static_cast<const Response*>(&sending_->message()));
+      items_ = std::move(batch.items);
+      sent_ = 0;
+      Write();
     });
   }
 
+  void Write() {
+    grpc::WriteOptions options;
+    if (sent_ + 1 < items_.size()) options.set_buffer_hint();
+    this->StartWrite(static_cast<const Response*>(&items_[sent_++]->message()), options);
+  }
+
   const std::shared_ptr<Feed> feed_;
-  FeedItem sending_;
+  std::vector<FeedItem> items_;
+  std::size_t sent_ = 0;
 };
 
 // Service: the generated one, v1::TuningService.
