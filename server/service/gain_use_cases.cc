@@ -50,11 +50,12 @@ absl::Status InRequest(const absl::Status& prepared) {
   return errors.empty() ? prepared : errors.ToStatus();
 }
 
-void FlyBatch(const EpisodeProblem& problem, std::span<const Gains> gains, std::span<EpisodeResult> results) {
+void FlyBatch(const EpisodeProblem& problem, std::span<const Gains> gains, std::span<EpisodeResult> results,
+              const std::function<bool()>& cancelled) {
   std::vector<BatchEpisode> episodes;
   episodes.reserve(gains.size());
   for (const Gains& k : gains) episodes.push_back({.problem = &problem, .gains = k});
-  SimulateBatch(episodes, results);
+  SimulateBatch(episodes, results, cancelled);
 }
 
 std::string NamedScenario(const Scenario& scenario) {
@@ -76,14 +77,16 @@ absl::StatusOr<GainQueryAnswer> GainUseCases::Query(const GainQuery& query, cons
   if (query.max_candidates > 0) options.max_candidates = query.max_candidates;
   if (query.max_answers > 0) options.max_answers = query.max_answers;
   const auto library = library_.Find(answer.scenario_digest);
-  answer.result = QueryLibrary(library.get(), answer.prepared, scenario->search.initial_gains, options, FlyBatch);
+  const Fly fly = [&cancelled](const EpisodeProblem& problem, std::span<const Gains> gains,
+                               std::span<EpisodeResult> results) { FlyBatch(problem, gains, results, cancelled); };
+  answer.result = QueryLibrary(library.get(), answer.prepared, scenario->search.initial_gains, options, fly);
   if (query.refine_budget_ms) {
     const int budget_ms = *query.refine_budget_ms > 0 ? *query.refine_budget_ms : kDefaultRefineMs;
     RefineAnswers(answer.prepared,
                   {.budget = std::chrono::milliseconds(budget_ms),
                    .cancelled = cancelled,
                    .gain_floor = scenario->search.gain_floor},
-                  FlyBatch, static_cast<std::size_t>(options.max_answers), answer.result);
+                  fly, static_cast<std::size_t>(options.max_answers), answer.result);
   }
   if (cancelled && cancelled()) return absl::CancelledError("nobody waits for the answer any more");
   answer.message = Advice(*scenario, answer);
@@ -245,7 +248,7 @@ absl::Status CheckBelongs(const ImportedGainSet& given, const GainSet& set) {
 // Flies the gains from their start, as the search would. An error for what has no cost.
 absl::Status FlyImported(const PreparedScenario& prepared, GainSet& set) {
   EpisodeResult result;
-  FlyBatch(prepared.problem, {&set.gains, 1}, {&result, 1});
+  FlyBatch(prepared.problem, {&set.gains, 1}, {&result, 1}, {});
   set.flight = Measure(prepared, {.gains = set.gains}, result).flight;
   if (HasCost(result.outcome)) return absl::OkStatus();
   FieldErrors errors;

@@ -56,7 +56,7 @@ class GainUseCases {
   // Both outlive this; the library has what the store has.
   GainUseCases(JobStore& store, GainLibrary& library) : store_(store), library_(library) {}
 
-  // cancelled: asked now and then while refining.
+  // cancelled: asked every few milliseconds; once true, the answer is CANCELLED.
   absl::StatusOr<GainQueryAnswer> Query(const GainQuery& query, const std::function<bool()>& cancelled = {});
 
   absl::StatusOr<GainSet> Get(const std::string& id);
