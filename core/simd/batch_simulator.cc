@@ -85,9 +85,13 @@ BatchUse SimulateChunk(std::span<const BatchEpisode> episodes, std::span<Episode
   count = 0;
   for (std::size_t i = 0; i < episodes.size(); ++i) {
     const BatchEpisode& episode = episodes[i];
-    results[i] = InLanes(episode) ? FromLane(lane_results[count++], episode.problem->fuel_weight)
-                                  : SimulateEpisode(*episode.problem, episode.gains,
-                                                    {.early_exit = episode.early_exit, .cancelled = cancelled});
+    if (InLanes(episode)) {
+      results[i] = FromLane(lane_results[count++], episode.problem->fuel_weight);
+      continue;
+    }
+    results[i] =
+        SimulateEpisode(*episode.problem, episode.gains, {.early_exit = episode.early_exit, .cancelled = cancelled});
+    use.scalar_steps += results[i].steps + results[i].rejected_steps;
   }
   if (count < episodes.size()) use.cancelled = cancelled && cancelled();
   return use;

@@ -16,15 +16,17 @@ struct BatchEpisode {
   bool early_exit = true;
 };
 
-// What a batch made of the lanes: attempts of a step, in all of them, and in those that had an episode to fly.
+// What a batch came to, in attempts of a step.
 struct BatchUse {
-  std::int64_t lane_steps = 0;
-  std::int64_t used_lane_steps = 0;
-  bool cancelled = false;  // the results are worth nothing
+  std::int64_t lane_steps = 0;       // in all lanes
+  std::int64_t used_lane_steps = 0;  // in those that had an episode to fly
+  std::int64_t scalar_steps = 0;     // by the scalar simulator
+  bool cancelled = false;            // the results are worth nothing
 
   BatchUse& operator+=(const BatchUse& other) {
     lane_steps += other.lane_steps;
     used_lane_steps += other.used_lane_steps;
+    scalar_steps += other.scalar_steps;
     cancelled = cancelled || other.cancelled;
     return *this;
   }

@@ -112,9 +112,8 @@ void Log(LogLevel level, std::string_view message, std::initializer_list<LogFiel
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   const std::lock_guard lock(logger.mutex);
   if (level < logger.options.level) return;
-  const std::string line =
-      FormatLogLine(logger.options.json, std::chrono::duration_cast<std::chrono::microseconds>(now).count(), level,
-                    message, fields);
+  const std::string line = FormatLogLine(
+      logger.options.json, std::chrono::duration_cast<std::chrono::microseconds>(now).count(), level, message, fields);
   if (logger.options.sink) return logger.options.sink(line);
   std::fprintf(stderr, "%s\n", line.c_str());
 }

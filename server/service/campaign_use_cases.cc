@@ -160,7 +160,9 @@ absl::StatusOr<CampaignUseCases::Resolved> CampaignUseCases::Resolve(const Campa
                    .scenario = job->scenario,
                    .warm_start = job->warm_start,
                    .tune_held_out = request.tune_held_out,
-                   .owner = job->owner};
+                   .owner = job->owner,
+                   .peer = job->peer,
+                   .priority = job->priority};
   CampaignSpec& spec = resolved.spec;
   auto tuned = Take(request.initial_conditions, DrawSet::kTuning, {job->scenario.neighbourhood, 1},
                     "campaign.initial_conditions", spec.draws);
@@ -217,6 +219,8 @@ std::vector<NewMember> CampaignUseCases::MakeMembers(const std::string& id, cons
       job.warm_start = spec.warm_start;
       job.campaign_id = id;
       job.owner = spec.owner;
+      job.peer = spec.peer;
+      job.priority = spec.priority;
     }
     ++number;
   }
@@ -238,6 +242,8 @@ NewMember CampaignUseCases::MakeRobustMember(const std::string& id, const Campai
   job.warm_start = spec.warm_start;
   job.campaign_id = id;
   job.owner = spec.owner;
+  job.peer = spec.peer;
+  job.priority = spec.priority;
   return member;
 }
 
@@ -247,7 +253,9 @@ absl::StatusOr<CampaignRecord> CampaignUseCases::Create(const CampaignRequest& r
   auto resolved = Resolve(request);
   if (!resolved.ok()) return resolved.status();
   const CampaignSpec& spec = resolved->spec;
-  const auto spec_json = ToJson(spec);
+  CampaignSpec asked_for = spec;
+  asked_for.peer.clear();
+  const auto spec_json = ToJson(asked_for);
   if (!spec_json.ok()) return spec_json.status();
   if (validate_only) {
     CampaignRecord record{.spec = spec, .create_time_us = NowUs()};
