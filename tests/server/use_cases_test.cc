@@ -220,6 +220,13 @@ TEST_F(UseCasesTest, IterationsComeAsASample) {
   for (const int wrong : {-1, 15, 10'001}) {
     EXPECT_THAT(ViolatedFields(use_cases_.SampleIterations(id, wrong).status()), ElementsAre("max_points")) << wrong;
   }
+  EXPECT_EQ(use_cases_.SampleIterations(id, 16, 20)->items.size(), 6u);
+  EXPECT_EQ(use_cases_.SampleIterations(id, 16, 0, 3)->items.size(), 3u);
+  const auto violated = [&](int first, int last) {
+    return ViolatedFields(use_cases_.SampleIterations(id, 16, first, last).status());
+  };
+  EXPECT_THAT(violated(-1, 0), ElementsAre("first_iteration"));
+  EXPECT_THAT(violated(5, 4), ElementsAre("last_iteration"));
 }
 
 TEST_F(UseCasesTest, ScenariosComeInPages) {
