@@ -11,6 +11,16 @@ namespace {
 
 absl::Status GoingDown() { return absl::UnavailableError("the server is going down"); }
 
+class Ended final : public Feed {
+ public:
+  explicit Ended(absl::Status status) : status_(std::move(status)) {}
+  void Next(std::size_t, Taken taken) override { taken({.parts = {}, .end = status_}); }
+  void End(const absl::Status&) override {}
+
+ private:
+  const absl::Status status_;
+};
+
 }  // namespace
 
 std::string_view StreamRun::Events(std::size_t begin, std::size_t end) const {
@@ -52,6 +62,8 @@ std::vector<StreamPart> TakeFront(std::deque<StreamPart>& parts, std::size_t lim
   }
   return taken;
 }
+
+std::shared_ptr<Feed> EndedFeed(absl::Status status) { return std::make_shared<Ended>(std::move(status)); }
 
 void Feeds::Add(const std::shared_ptr<Feed>& feed) {
   {
