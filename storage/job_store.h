@@ -24,6 +24,7 @@ struct JobFilter {
   std::vector<std::string> scenario_ids;      // any of; empty: every one
   std::vector<std::string> not_scenario_ids;  // none of
   std::vector<Label> labels;                  // all of
+  std::vector<std::string> texts;             // each somewhere in id, scenario, title or a label, "key=value"
   std::string campaign_id;                    // only this one's jobs; empty: only those that are part of none
 };
 

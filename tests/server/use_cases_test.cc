@@ -298,6 +298,9 @@ TEST_F(UseCasesTest, FilteredJobs) {
   EXPECT_THAT(List({.filter = "labels.case = \"a \\\"b\\\"\""}), ElementsAre(a));
   EXPECT_THAT(List({.filter = "labels.case=plain AND state = SUCCEEDED"}), ElementsAre(b));
   EXPECT_THAT(List({.filter = "labels.case != plain"}), UnorderedElementsAre(a, running));
+  EXPECT_THAT(List({.filter = "text = \"CASE=plai\""}), ElementsAre(b));
+  EXPECT_THAT(List({.filter = "text = \"" + a.substr(2) + "\" AND text = case"}), ElementsAre(a));
+  EXPECT_THAT(List({.filter = "text = \"%\""}), ElementsAre());
   EXPECT_THAT(List({.filter = "state = RUNNING"}), ElementsAre(running));
   EXPECT_THAT(List({.filter = "state != RUNNING AND state != FAILED"}), UnorderedElementsAre(a, b));
   EXPECT_EQ(List({.filter = "scenario = small"}).size(), 3u);
@@ -308,7 +311,7 @@ TEST_F(UseCasesTest, FilteredJobs) {
 
 TEST_F(UseCasesTest, AFilterThatIsNoneSaysWhatWasExpectedWhere) {
   const std::pair<std::string, std::string> cases[] = {
-      {"colour = red", "at character 1: state, scenario, campaign or labels.KEY"},
+      {"colour = red", "at character 1: state, scenario, campaign, text or labels.KEY"},
       {"labels. = x", "at character 1"},
       {"state", "at character 6: = or !="},
       {"state > RUNNING", "at character 7"},
