@@ -54,6 +54,8 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
 
   Reply Fixed(const HttpRequest& request, const Target& target) const;
   absl::Status CheckOrigin(const HttpRequest& request) const;
+  void HandleSession(const std::shared_ptr<Exchange>& exchange);
+  absl::StatusOr<Caller> Admit(const Method& method, const HttpRequest& request) const;
   bool IsAllowedOrigin(std::string_view origin) const;
   void HandleRoute(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange);
   void HandleFile(const std::shared_ptr<Exchange>& exchange);
@@ -69,8 +71,5 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
   const std::string openapi_;
   std::atomic<bool> serving_ = true;
 };
-
-// One event as text/event-stream has it; json: one line.
-void AppendSse(const StreamMessage& message, std::string& out);
 
 }  // namespace orbitune::rest

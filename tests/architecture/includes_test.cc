@@ -42,13 +42,15 @@ const std::vector<Folder>& Folders() {
       {"server/jobs", {"core", "storage", "server/log"}},
       {"server/service", {"core", "storage", "server/log", "server/jobs"}},
       {"server/convert", {"core", "storage", "server/log", "server/jobs", "server/service", kProto}},
-      {"server/api", {"core", "storage", "server/log", "server/jobs", "server/service", "server/convert", kProto}},
+      {"server/access", {"core", "storage", "server/log"}},
+      {"server/api",
+       {"core", "storage", "server/log", "server/jobs", "server/service", "server/convert", "server/access", kProto}},
       {"server/rpc",
-       {"core", "storage", "server/log", "server/jobs", "server/service", "server/convert", "server/api", kProto}},
+       {"core", "storage", "server/jobs", "server/service", "server/convert", "server/access", "server/api", kProto}},
       {"server/rest",
-       {"core", "storage", "server/log", "server/jobs", "server/service", "server/convert", "server/api", kProto}},
-      {"server/config", {"core", "storage", "server/jobs", "server/service"}},
-      {"server/commands", {"core", "storage", "server/config"}},
+       {"core", "storage", "server/jobs", "server/service", "server/convert", "server/access", "server/api", kProto}},
+      {"server/config", {"core", "storage", "server/log", "server/jobs", "server/service"}},
+      {"server/commands", {"core", "storage", "server/log", "server/access", "server/config"}},
       {"server", {"core", "storage", "server", kProto}},  // main.cc alone: wiring
       {"client/cli", {kProto}},
   };
@@ -68,7 +70,8 @@ const std::vector<Library>& Libraries() {
       {{"sqlite3"}, {"storage"}},
       {{"Random123/"}, {"core/base"}},
       {{"hwy/"}, {"core/simd"}},
-      {{"nanoflann", "openssl/"}, {"core/library"}},
+      {{"nanoflann"}, {"core/library"}},
+      {{"openssl/"}, {"core/library", "server/access"}},
       {{"boost/", "nlohmann/", "CLI/"}, {"storage", "server/rest", "server/config", "server/commands", "client/cli"}},
   };
   return *libraries;
