@@ -223,9 +223,9 @@ TEST_P(JobStoreConformance, KeepsTheCheckpointOfTheNewestIteration) {
   EXPECT_TRUE(store().GetJob("a")->checkpoint.empty());
   const std::vector<double> last{-0.0, std::numeric_limits<double>::denorm_min(), 0.1, 4, 5, 6};
   const auto ok = [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; };
-  store().AppendIteration("a", 2, RecordOf(1), {1, 2, 3}, ok);
-  store().AppendIteration("b", 2, RecordOf(1), {7}, ok);
-  store().AppendIteration("a", 3, RecordOf(2), last, ok);
+  store().AppendIteration("a", 2, RecordOf(1), {.checkpoint = {1, 2, 3}}, ok);
+  store().AppendIteration("b", 2, RecordOf(1), {.checkpoint = {7}}, ok);
+  store().AppendIteration("a", 3, RecordOf(2), {.checkpoint = last}, ok);
   store().Flush();
   Reopen();
   const auto kept = store().GetJob("a")->checkpoint;
@@ -235,7 +235,7 @@ TEST_P(JobStoreConformance, KeepsTheCheckpointOfTheNewestIteration) {
   EXPECT_EQ(store().GetJob("b")->checkpoint, std::vector<double>{7});
   ASSERT_TRUE(Change(store(), "a", 4, ChangeTo(JobState::kRunning)).ok());
   EXPECT_EQ(store().GetJob("a")->checkpoint, last);
-  store().AppendIteration("a", 5, RecordOf(3), {8}, ok);
+  store().AppendIteration("a", 5, RecordOf(3), {.checkpoint = {8}}, ok);
   ASSERT_TRUE(Change(store(), "a", 6, ChangeTo(JobState::kCancelled)).ok());
   EXPECT_TRUE(store().GetJob("a")->checkpoint.empty());
 }
