@@ -66,7 +66,8 @@ class SqliteStore final : public JobStore {
   absl::StatusOr<std::vector<JobRecord>> ListUnfinishedJobs() const override;
   absl::StatusOr<std::vector<IterationRecord>> ListIterations(const std::string& id, int after_iteration,
                                                               int limit) const override;
-  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, int max_points) const override;
+  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, IterationRange range,
+                                                                int max_points) const override;
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                    int limit) const override;
 
@@ -160,9 +161,9 @@ absl::StatusOr<std::vector<IterationRecord>> SqliteStore::ListIterations(const s
   return readers_.Run([&](Connection& connection) { return ReadIterationsOf(connection, id, after_iteration, limit); });
 }
 
-absl::StatusOr<std::vector<IterationRecord>> SqliteStore::SampleIterations(const std::string& id,
+absl::StatusOr<std::vector<IterationRecord>> SqliteStore::SampleIterations(const std::string& id, IterationRange range,
                                                                            int max_points) const {
-  return readers_.Run([&](Connection& connection) { return SampleIterationsOf(connection, id, max_points); });
+  return readers_.Run([&](Connection& connection) { return SampleIterationsOf(connection, id, range, max_points); });
 }
 
 absl::StatusOr<std::vector<JobEvent>> SqliteStore::ListEvents(const std::string& id, std::int64_t after_seq,

@@ -26,9 +26,10 @@ void TuningApi::AddTo(MethodTable& methods) {
   methods.Add(service + "ListIterations", Work::kRead, this, &TuningApi::ListIterations);
 }
 
-absl::Status TuningApi::CreateJob(const v1::CreateJobRequest& request, v1::Job* out) {
-  const auto job = FromProto(request.job());
+absl::Status TuningApi::CreateJob(const v1::CreateJobRequest& request, v1::Job* out, const CallContext& context) {
+  auto job = FromProto(request.job());
   if (!job.ok()) return job.status();
+  job->owner = context.caller.owner();
   return Answer(use_cases_.CreateJob(*job, request.request_id(), request.validate_only()), out);
 }
 
@@ -71,9 +72,13 @@ absl::Status TuningApi::ListIterations(const v1::ListIterationsRequest& request,
   if (request.max_points() != 0 && (request.page_size() != 0 || !request.page_token().empty())) {
     return InvalidField("max_points", "0 where page_size or page_token is set", request.max_points());
   }
-  const auto page = request.max_points() != 0
-                        ? use_cases_.SampleIterations(*id, request.max_points())
-                        : use_cases_.ListIterations(*id, request.page_size(), request.page_token());
+  if (request.max_points() == 0 && (request.first_iteration() != 0 || request.last_iteration() != 0)) {
+    return InvalidField("max_points", "in [16, 10000] where first_iteration or last_iteration is set", 0);
+  }
+  const auto page =
+      request.max_points() != 0
+          ? use_cases_.SampleIterations(*id, request.max_points(), request.first_iteration(), request.last_iteration())
+          : use_cases_.ListIterations(*id, request.page_size(), request.page_token());
   return AnswerPage(page, out, [out] { return out->add_iterations(); });
 }
 

@@ -69,8 +69,9 @@ class GatedStore final : public JobStore {
                                                               int limit) const override {
     return store_.ListIterations(id, after, limit);
   }
-  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, int max_points) const override {
-    return store_.SampleIterations(id, max_points);
+  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, IterationRange range,
+                                                                int max_points) const override {
+    return store_.SampleIterations(id, range, max_points);
   }
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after,
                                                    int limit) const override {
