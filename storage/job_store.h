@@ -70,10 +70,8 @@ class JobStore {
                          Created done) = 0;
 
   // seq: the job's last one + 1; the record's iteration: its latest + 1. Keeps latest, first and best up to date.
-  // checkpoint: the search's before the iteration (may be empty); takes the place of the one before, in the same commit
-  // as the iteration.
   virtual void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                               std::vector<double> checkpoint, Done done) = 0;
+                               Continuation continuation, Done done) = 0;
 
   // seq: the job's last one + 1. Sets start_time at the first kRunning, end_time at a terminal state. Stores
   // change.gain_set, if there is one, in the same commit.

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
+#include "storage/sqlite_provenance.h"
 
 namespace orbitune {
 namespace {
@@ -31,7 +32,8 @@ std::string SelectJobs(std::string_view report, std::string_view tail) {
       "SELECT jobs.key, id, state, create_time_us, start_time_us, end_time_us, update_time_us, last_seq, "
       "state_changes, iterations, best_iteration, error_message, spec, ",
       ToAbsl(report),
-      ", doubles FROM jobs JOIN job_documents ON job_documents.job = jobs.key LEFT JOIN checkpoints ON checkpoints.job "
+      ", doubles, provenance, digest FROM jobs JOIN job_documents ON job_documents.job = jobs.key LEFT JOIN "
+      "checkpoints ON checkpoints.job "
       "= "
       "jobs.key",
       ToAbsl(tail));
@@ -66,6 +68,11 @@ absl::StatusOr<JobRow> JobRowIn(const Statement& row) {
     record.report = *std::move(report);
   }
   record.checkpoint = row.Doubles(14);
+  if (!row.IsNull(15)) {
+    absl::StatusOr<Provenance> provenance = ReadProvenance(row.Text(15), row.Text(16));
+    if (!provenance.ok()) return InJob(record.id, provenance.status());
+    record.provenance = *std::move(provenance);
+  }
   return job;
 }
 

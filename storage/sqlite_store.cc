@@ -10,6 +10,7 @@
 #include "storage/sqlite_job_queries.h"
 #include "storage/sqlite_list_query.h"
 #include "storage/sqlite_lock.h"
+#include "storage/sqlite_provenance.h"
 #include "storage/sqlite_reader_pool.h"
 #include "storage/sqlite_schema.h"
 #include "storage/sqlite_writer.h"
@@ -56,7 +57,7 @@ class SqliteStore final : public JobStore {
   void CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id, std::string request_digest,
                  Created done) override;
   void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                       std::vector<double> checkpoint, Done done) override;
+                       Continuation continuation, Done done) override;
   void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) override;
   void DeleteJob(const std::string& id, Done done) override;
 
@@ -96,9 +97,11 @@ void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::strin
                    .answer = std::move(done)});
     return;
   }
+  Provenance provenance = NewProvenance(spec);
   auto job = std::make_shared<const NewJob>(NewJob{.id = std::move(id),
                                                    .spec = std::move(spec),
                                                    .spec_json = *std::move(spec_json),
+                                                   .provenance = std::move(provenance),
                                                    .time_us = now,
                                                    .request_id = std::move(request_id),
                                                    .request_digest = std::move(request_digest)});
@@ -114,9 +117,9 @@ void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::strin
 }
 
 void SqliteStore::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                                  std::vector<double> checkpoint, Done done) {
-  writer_.Queue({.apply = [id, seq, record, checkpoint = std::move(checkpoint)](
-                              JobTables& tables) { return tables.AppendIteration(id, seq, record, checkpoint); },
+                                  Continuation continuation, Done done) {
+  writer_.Queue({.apply = [id, seq, record, continuation = std::move(continuation)](
+                              JobTables& tables) { return tables.AppendIteration(id, seq, record, continuation); },
                  .answer = std::move(done)});
 }
 
@@ -208,6 +211,7 @@ absl::StatusOr<std::unique_ptr<Connection>> OpenForWriting(const std::string& pa
   if (!status.ok()) return status;
   status = TurnOnWriteAheadLog(**connection);
   if (status.ok()) status = Migrate(**connection, Migrations());
+  if (status.ok()) status = BackfillProvenance(**connection);
   if (!status.ok()) return status;
   return connection;
 }

@@ -606,6 +606,8 @@ inline LaneUse Run(const LaneEpisode* episodes, LaneResult* results, std::size_t
 
 inline std::size_t Count() { return kWidth; }
 
+inline bool Fuses() { return HWY_NATIVE_FMA != 0; }
+
 }  // namespace orbitune::simd::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 #endif

@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "absl/strings/str_cat.h"
+#include "server/convert/provenance.h"
 
 namespace orbitune {
 namespace {
@@ -273,6 +274,7 @@ void ToProto(const JobRecord& record, v1::Job* out) {
   out->set_last_seq(record.last_seq);
   if (record.report) ToProto(*record.report, out->mutable_report());
   out->set_error_message(record.error_message);
+  if (record.provenance) ProvenanceToProto(record, out->mutable_provenance());
   out->set_etag(EtagOf(record));
 }
 

@@ -130,7 +130,7 @@ class Scheduler {
   static void Account(const Chunk& chunk, const BatchUse& use);
   void FinishBatch(const Chunk& last, Lock& lock);
   void FinishIterations(Entry& entry, Run& run, BatchOutcome outcome);
-  void Append(Entry& entry, IterationRecord record, std::vector<double> checkpoint);
+  void Append(Entry& entry, IterationRecord record, Continuation continuation);
   void FinishReport(Entry& entry, Run& run);
   EntryPtr AddEntry(JobRecord record);
   void Forget(EntryPtr entry);

@@ -49,8 +49,8 @@ class GatedStore final : public JobStore {
     store_.CreateJob(std::move(id), std::move(spec), now, std::move(request_id), std::move(digest), std::move(done));
   }
   void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                       std::vector<double> checkpoint, Done done) override {
-    store_.AppendIteration(id, seq, record, std::move(checkpoint), std::move(done));
+                       Continuation continuation, Done done) override {
+    store_.AppendIteration(id, seq, record, std::move(continuation), std::move(done));
   }
   void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) override {
     store_.ChangeState(id, seq, std::move(change), std::move(done));
