@@ -46,11 +46,11 @@ class SqliteGainStore final : public GainStore {
 
 class SqliteStore final : public JobStore {
  public:
-  SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection)
+  SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection, StoreMetrics* metrics)
       : lock_(std::move(lock)),
         connection_(std::move(connection)),
         readers_(connection_->path()),
-        writer_(*connection_),
+        writer_(*connection_, metrics),
         campaigns_(*connection_, writer_, readers_),
         gains_(readers_, writer_) {}
 
@@ -225,7 +225,7 @@ absl::StatusOr<std::unique_ptr<JobStore>> OpenSqliteStore(const SqliteStoreOptio
   if (!lock.ok()) return lock.status();
   auto connection = OpenForWriting(path->string());
   if (!connection.ok()) return connection.status();
-  return std::make_unique<SqliteStore>(*std::move(lock), *std::move(connection));
+  return std::make_unique<SqliteStore>(*std::move(lock), *std::move(connection), options.metrics);
 }
 
 }  // namespace orbitune

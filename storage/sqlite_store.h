@@ -5,11 +5,13 @@
 #include <string>
 
 #include "storage/job_store.h"
+#include "storage/store_metrics.h"
 
 namespace orbitune {
 
 struct SqliteStoreOptions {
-  std::string path;  // of the database file; created if it is not there, its directory is not
+  std::string path;                 // of the database file; created if it is not there, its directory is not
+  StoreMetrics* metrics = nullptr;  // outlives the store; nullptr: nothing is counted
 };
 
 // Opens the database, brings its schema up to date and starts the writer. Errors name the path and what is wrong:

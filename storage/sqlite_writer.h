@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "storage/sqlite_job_tables.h"
+#include "storage/store_metrics.h"
 
 namespace orbitune {
 
@@ -29,8 +30,8 @@ class SqliteWriter {
     std::function<void(absl::Status)> answer;
   };
 
-  // connection outlives this and is used by nobody else meanwhile.
-  explicit SqliteWriter(Connection& connection);
+  // connection outlives this and is used by nobody else meanwhile; metrics, if there are any, outlive it too.
+  explicit SqliteWriter(Connection& connection, StoreMetrics* metrics = nullptr);
 
   // Commits what is queued, if the disk lets it at the first try, answers everything and ends the thread.
   ~SqliteWriter();
@@ -55,6 +56,7 @@ class SqliteWriter {
   absl::StatusOr<std::vector<absl::Status>> TryCommit(std::span<const Operation> group);
   // So that only the operations that SQLite refuses are answered with its error.
   std::vector<absl::Status> CommitOneByOne(std::span<const Operation> group);
+  void Count(std::size_t operations, std::chrono::duration<double> taken);
   void CountAnswered(std::size_t answered);
   void RemoveLeftovers();
   bool stopping() const;
@@ -64,6 +66,7 @@ class SqliteWriter {
   // Writer thread only.
   Connection& connection_;
   JobTables tables_;
+  StoreMetrics* const metrics_;
   bool leftovers_ = true;  // perhaps
   bool gave_up_ = false;   // the disk failed while the writer was ending
 

@@ -55,6 +55,14 @@ class JobFeed final : public Feed {
 
   void End(const absl::Status& status) override { EndWith(std::unique_lock(mutex_), status); }
 
+  std::int64_t lag() override {
+    const std::lock_guard lock(mutex_);
+    if (!opened_ || end_) return 0;
+    std::int64_t held = 0;
+    for (const StreamPart& part : outbox_) held += static_cast<std::int64_t>(part.size());
+    return std::max<std::int64_t>(held, context_.use_cases.hub().LastSeq(id_) - sent_seq_ + held);
+  }
+
  private:
   void Post(void (JobFeed::*task)()) {
     context_.executors.For(Work::kStream).Post([self = std::static_pointer_cast<JobFeed>(shared_from_this()), task] {

@@ -86,6 +86,16 @@ class MethodTable {
     Insert(name, std::move(entry));
   }
 
+  template <typename Response, typename Api, typename Request>
+  void AddStream(std::string_view name, Api* api,
+                 std::shared_ptr<Feed> (Api::*method)(const Request&, const CallContext&)) {
+    Method entry = {.request = &Request::default_instance(), .response = &Response::default_instance()};
+    entry.open = [api, method](const google::protobuf::Message& request, const CallContext& context) {
+      return (api->*method)(static_cast<const Request&>(request), context);
+    };
+    Insert(name, std::move(entry));
+  }
+
   // nullptr for an unknown one.
   const Method* Find(std::string_view name) const;
 

@@ -26,6 +26,24 @@ struct ServerConfig {
   bool insecure = false;      // listen on an open address whatever is missing
   int threads = 0;            // 0: one per core
   int max_running_jobs = 64;
+  int max_queued_jobs = 100'000;
+  int max_jobs_per_client = 1000;
+  int max_job_memory_mib = 256;
+  int max_campaigns_per_client = 100;
+  int max_calls_waiting = 4096;
+  int max_calls_waiting_per_client = 1024;
+  int max_episode_calls = 3;
+  int max_verifications = 2;
+  int max_waiting_mib = 256;
+  int max_request_bytes = 16 << 20;
+  int max_response_bytes = 64 << 20;
+  int max_watchers = 4096;
+  int max_watchers_per_client = 2048;
+  int max_streams_per_connection = 2000;
+  int grpc_memory_mib = 256;
+  std::string log_format = "text";
+  std::string log_level = "info";
+  double log_slow_call_s = 1;
   std::string simd = "auto";
 };
 

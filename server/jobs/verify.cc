@@ -139,7 +139,10 @@ class Verifier {
       for (std::size_t e = begin; e < end; ++e) {
         episodes.push_back({.problem = &prepared_[search_->initial_condition(e)].problem, .gains = search_->gains(e)});
       }
-      SimulateBatch(episodes, std::span(results_).subspan(begin, end - begin));
+      const auto cancelled = [this] { return !Goes(search_->iteration() - 1); };
+      if (SimulateBatch(episodes, std::span(results_).subspan(begin, end - begin), cancelled).cancelled) {
+        return absl::CancelledError("cancelled");
+      }
     }
     return search_->Update(results_);
   }

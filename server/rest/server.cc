@@ -17,7 +17,6 @@
 #include <boost/asio/write.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
-#include <cstdio>
 #include <ctime>
 #include <exception>
 #include <optional>
@@ -28,6 +27,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status.h"
+#include "server/jobs/limit.h"
+#include "server/log/log.h"
 #include "server/rest/error.h"
 #include "server/rest/gateway.h"
 #include "server/rest/transport.h"
@@ -68,7 +69,7 @@ struct Core : std::enable_shared_from_this<Core> {
 
   void Log(const std::string& line) const {
     if (options.log) return options.log(line);
-    std::fprintf(stderr, "orbituned: http: %s\n", line.c_str());
+    orbitune::Log(LogLevel::kWarning, "http", {{"what", line}});
   }
 
   // Asks on a thread for streams, together with all who wait by then: watchers of one job that ask together get the
@@ -567,10 +568,13 @@ void TurnAway(Core& core, tcp::socket socket) {
   if (!core.full) core.Log(absl::StrCat("all ", core.options.max_connections, " connections are in use"));
   core.full = true;
   if (core.tls != nullptr) return;  // whom a handshake would cost more than the answer is worth
-  const std::string body = rest::ErrorJson(absl::UnavailableError("too many connections")) + "\n";
-  const std::string answer = absl::StrCat(
-      "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nContent-Length: ", body.size(),
-      "\r\nRetry-After: 1\r\nConnection: close\r\n\r\n", body);
+  const std::string body =
+      rest::ErrorJson(LimitExceeded("HTTP connections", {"http-max-connections", core.options.max_connections},
+                                    "try again when one has been closed")) +
+      "\n";
+  const std::string answer =
+      absl::StrCat("HTTP/1.1 429 Too Many Requests\r\nContent-Type: application/json\r\nContent-Length: ", body.size(),
+                   "\r\nRetry-After: 1\r\nConnection: close\r\n\r\n", body);
   error_code ignored;
   socket.non_blocking(true, ignored);
   socket.write_some(net::buffer(answer), ignored);
@@ -630,17 +634,18 @@ class HttpServerImpl final : public HttpServer {
   void Run() {
     const bool is_loopback = acceptor_.local_endpoint().address().is_loopback();
     core_->gateway = std::make_shared<Gateway>(
-        core_->api, rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback});
+        core_->api,
+        rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback, core_->options.metrics});
     net::co_spawn(core_->io, Accept(*core_, acceptor_), Report(*core_));
     thread_ = std::thread([this] { core_->io.run(); });
   }
 
   const std::string& address() const override { return address_; }
 
-  void SetServing(bool serving) override { core_->gateway->SetServing(serving); }
+  void SetServing(const absl::Status& serving) override { core_->gateway->SetServing(serving); }
 
   void Shutdown(std::chrono::milliseconds grace) override {
-    core_->gateway->SetServing(false);
+    core_->gateway->SetServing(absl::UnavailableError("the server is going down"));
     net::post(core_->io, [this, grace] { BeginShutdown(grace); });
     core_->api.Drain();
     if (thread_.joinable()) thread_.join();  // once nothing is left to do

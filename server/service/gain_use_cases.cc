@@ -247,9 +247,9 @@ absl::Status CheckBelongs(const ImportedGainSet& given, const GainSet& set) {
 }
 
 // Flies the gains from their start, as the search would. An error for what has no cost.
-absl::Status FlyImported(const PreparedScenario& prepared, GainSet& set) {
+absl::Status FlyImported(const PreparedScenario& prepared, const std::function<bool()>& cancelled, GainSet& set) {
   EpisodeResult result;
-  FlyBatch(prepared.problem, {&set.gains, 1}, {&result, 1}, {});
+  FlyBatch(prepared.problem, {&set.gains, 1}, {&result, 1}, cancelled);
   set.flight = Measure(prepared, {.gains = set.gains}, result).flight;
   if (HasCost(result.outcome)) return absl::OkStatus();
   FieldErrors errors;
@@ -257,7 +257,8 @@ absl::Status FlyImported(const PreparedScenario& prepared, GainSet& set) {
   return errors.ToStatus();
 }
 
-absl::StatusOr<GainSet> MakeImported(const ImportedGainSet& given, const GainLibrary& library) {
+absl::StatusOr<GainSet> MakeImported(const ImportedGainSet& given, const GainLibrary& library,
+                                     const std::function<bool()>& cancelled) {
   if (absl::Status status = CheckForm(given); !status.ok()) return status;
   const auto scenario = ScenarioOf(given, library);
   if (!scenario.ok()) return scenario.status();
@@ -280,12 +281,13 @@ absl::StatusOr<GainSet> MakeImported(const ImportedGainSet& given, const GainLib
   set.history_digest = given.history_digest;
   set.origin = given.origin;
   absl::Status status = CheckBelongs(given, set);
-  if (status.ok()) status = FlyImported(*prepared, set);
+  if (status.ok()) status = FlyImported(*prepared, cancelled, set);
   if (!status.ok()) return status;
   return set;
 }
 
-absl::StatusOr<std::vector<GainSet>> MakeAll(const std::vector<ImportedGainSet>& given, const GainLibrary& library) {
+absl::StatusOr<std::vector<GainSet>> MakeAll(const std::vector<ImportedGainSet>& given, const GainLibrary& library,
+                                             const std::function<bool()>& cancelled) {
   FieldErrors errors;
   if (given.empty() || given.size() > GainUseCases::kMostImported) {
     errors.AddNumber("gain_sets", absl::StrCat("1 to ", GainUseCases::kMostImported, " gain sets"),
@@ -295,7 +297,8 @@ absl::StatusOr<std::vector<GainSet>> MakeAll(const std::vector<ImportedGainSet>&
   std::vector<GainSet> sets;
   std::size_t faults = 0;
   for (std::size_t i = 0; i < given.size() && faults < kMostFaults; ++i) {
-    auto set = MakeImported(given[i], library);
+    auto set = MakeImported(given[i], library, cancelled);
+    if (cancelled && cancelled()) return absl::CancelledError("nobody waits for the import any more");
     if (set.ok()) {
       sets.push_back(*std::move(set));
     } else {
@@ -339,8 +342,9 @@ absl::Status GainUseCases::Store(const std::vector<GainSet>& sets) {
   return status;
 }
 
-absl::StatusOr<GainSetImport> GainUseCases::Import(const std::vector<ImportedGainSet>& given, bool validate_only) {
-  auto sets = MakeAll(given, library_);
+absl::StatusOr<GainSetImport> GainUseCases::Import(const std::vector<ImportedGainSet>& given, bool validate_only,
+                                                   const std::function<bool()>& cancelled) {
+  auto sets = MakeAll(given, library_, cancelled);
   if (!sets.ok()) return sets.status();
   std::vector<GainSet> added;
   std::map<Identity, std::size_t> twins;  // in `added`

@@ -67,7 +67,8 @@ class GainUseCases {
   absl::Status Delete(const std::string& id);
 
   // All or none. Each is flown from its own start first; what is stored is what came of that.
-  absl::StatusOr<GainSetImport> Import(const std::vector<ImportedGainSet>& sets, bool validate_only);
+  absl::StatusOr<GainSetImport> Import(const std::vector<ImportedGainSet>& sets, bool validate_only,
+                                       const std::function<bool()>& cancelled = {});
 
  private:
   std::string Advice(const Scenario& scenario, const GainQueryAnswer& answer) const;
