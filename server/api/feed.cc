@@ -69,7 +69,7 @@ void Feeds::Add(const std::shared_ptr<Feed>& feed) {
   {
     const std::lock_guard lock(mutex_);
     if (!drained_) {
-      feeds_.emplace(feed.get(), feed);
+      feeds_.emplace(feed.get(), Open{feed, ""});
       return;
     }
   }
@@ -81,14 +81,36 @@ void Feeds::Remove(const Feed* feed) {
   feeds_.erase(feed);
 }
 
+void Feeds::SetTokenOf(const Feed* feed, const std::string& token_id) {
+  const std::lock_guard lock(mutex_);
+  const auto found = feeds_.find(feed);
+  if (found != feeds_.end()) found->second.token_id = token_id;
+}
+
+std::vector<std::shared_ptr<Feed>> Feeds::Those(const std::string* token_id) const {
+  std::vector<std::shared_ptr<Feed>> those;
+  for (const auto& [address, open] : feeds_) {
+    if (token_id != nullptr && open.token_id != *token_id) continue;
+    if (auto held = open.feed.lock()) those.push_back(std::move(held));
+  }
+  return those;
+}
+
+void Feeds::EndThoseOf(const std::string& token_id, const absl::Status& status) {
+  std::vector<std::shared_ptr<Feed>> feeds;
+  {
+    const std::lock_guard lock(mutex_);
+    feeds = Those(&token_id);
+  }
+  for (const auto& feed : feeds) feed->End(status);
+}
+
 void Feeds::Drain() {
   std::vector<std::shared_ptr<Feed>> feeds;
   {
     const std::lock_guard lock(mutex_);
     drained_ = true;
-    for (const auto& [address, feed] : feeds_) {
-      if (auto held = feed.lock()) feeds.push_back(std::move(held));
-    }
+    feeds = Those(nullptr);
   }
   for (const auto& feed : feeds) feed->End(GoingDown());
 }

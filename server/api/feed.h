@@ -103,13 +103,24 @@ class Feeds {
   void Add(const std::shared_ptr<Feed>& feed);
   void Remove(const Feed* feed);
 
+  // Whose token opened it, so that it can end with that.
+  void SetTokenOf(const Feed* feed, const std::string& token_id);
+  void EndThoseOf(const std::string& token_id, const absl::Status& status);
+
   // Ends every feed with UNAVAILABLE, and every later one at once.
   void Drain();
 
  private:
+  struct Open {
+    std::weak_ptr<Feed> feed;
+    std::string token_id;
+  };
+
+  std::vector<std::shared_ptr<Feed>> Those(const std::string* token_id) const;  // under mutex_; nullptr: all
+
   std::mutex mutex_;
   // Guarded by mutex_.
-  std::map<const Feed*, std::weak_ptr<Feed>> feeds_;
+  std::map<const Feed*, Open> feeds_;
   bool drained_ = false;
 };
 
