@@ -13,7 +13,8 @@ namespace orbitune {
 // Thread-safe.
 class Executor {
  public:
-  Executor(int threads, std::size_t most_queued);
+  // nice: added to the threads' own; what is more than 0 lets others go first.
+  Executor(int threads, std::size_t most_queued, int nice = 0);
   Executor(const Executor&) = delete;
   Executor& operator=(const Executor&) = delete;
   ~Executor();  // runs what is queued, then ends
@@ -24,7 +25,7 @@ class Executor {
   bool TryPost(std::function<void()> task);
 
  private:
-  void Loop();
+  void Loop(int nice);
 
   const std::size_t most_queued_;
 
@@ -36,6 +37,12 @@ class Executor {
 
   std::vector<std::thread> threads_;
 };
+
+// Watchers take what the tuning leaves of the processors: however many there are, a job is hardly slower.
+inline constexpr int kStreamNice = 10;
+
+// Of the thread that calls. Where the system refuses, it stays as it was.
+void AddNice(int nice);
 
 // What a call keeps busy, and with it how long it may.
 enum class Work { kRead, kWrite, kQuery, kEpisode, kStream };
@@ -51,7 +58,7 @@ class Executors {
   Executor writes_{4, 10'000};
   Executor queries_{2, 1'000};  // of milliseconds
   Executor episodes_{2, 256};
-  Executor streams_{2, 10'000};
+  Executor streams_{2, 10'000, kStreamNice};
 };
 
 }  // namespace orbitune
