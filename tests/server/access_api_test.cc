@@ -313,7 +313,9 @@ TEST_F(AccessApiTest, ABrowserLogsInAndOut) {
   const Reply out = Http("DELETE", "/v1/session", cookie + OwnOrigin());
   EXPECT_EQ(out.code, 204);
   EXPECT_THAT(out.headers.at("set-cookie"), HasSubstr("Max-Age=0"));
-  EXPECT_EQ(Http("GET", "/v1/caller", cookie).code, 401);
+  const Reply ended = Http("GET", "/v1/caller", cookie);
+  EXPECT_EQ(ended.code, 401);
+  EXPECT_THAT(ended.headers.at("set-cookie"), HasSubstr("Max-Age=0"));
 }
 
 TEST_F(AccessApiTest, AnotherPageCannotUseTheCookie) {
