@@ -84,8 +84,7 @@ class Api {
   absl::Status HoldBytes(Pending& call);
   void Run(const std::shared_ptr<Pending>& call);
   void Finish(Pending& call, const absl::Status& status);
-  absl::Status Change(const Method& method, const CallContext& context, const google::protobuf::Message& request,
-                      google::protobuf::Message* response);
+  void Note(const Method& method, const Caller& caller, const std::string& resource, const absl::Status& outcome);
   absl::Status CheckOwner(const Method& method, const Caller& caller, const google::protobuf::Message& request) const;
 
   UseCases& use_cases_;

@@ -8,7 +8,7 @@
 namespace orbitune {
 namespace {
 
-constexpr int kVerificationsNiceness = 15;
+constexpr int kVerificationsNice = 15;
 
 Executor::Limits LimitsOf(const ExecutorLimits& limits) {
   return {.waiting = {"max-calls-waiting", limits.max_calls_waiting},
@@ -22,8 +22,8 @@ Executors::Executors(const ExecutorLimits& limits)
       writes_(4, LimitsOf(limits)),
       queries_(2, LimitsOf(limits)),
       episodes_(limits.max_episode_calls, LimitsOf(limits)),
-      streams_(2, LimitsOf(limits)),
-      verifications_(limits.max_verifications, LimitsOf(limits), kVerificationsNiceness) {}
+      streams_(2, LimitsOf(limits), kStreamNice),
+      verifications_(limits.max_verifications, LimitsOf(limits), kVerificationsNice) {}
 
 Executor& Executors::For(Work work) {
   switch (work) {
@@ -43,14 +43,12 @@ Executor& Executors::For(Work work) {
   return reads_;
 }
 
-Executor::Executor(int threads, Limits limits, int niceness) : threads_count_(threads), limits_(std::move(limits)) {
-  for (int i = 0; i < threads; ++i) {
-    threads_.emplace_back([this, niceness] {
-      // On Linux of the calling thread alone. It may always be raised; that it cannot be is no reason not to work.
-      if (niceness > 0) setpriority(PRIO_PROCESS, 0, niceness);
-      Loop();
-    });
-  }
+void AddNice(int nice) {
+  if (nice != 0) setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + nice);  // in Linux of the thread alone
+}
+
+Executor::Executor(int threads, Limits limits, int nice) : threads_count_(threads), limits_(std::move(limits)) {
+  for (int i = 0; i < threads; ++i) threads_.emplace_back([this, nice] { Loop(nice); });
 }
 
 Executor::~Executor() {
@@ -108,7 +106,8 @@ std::deque<Executor::Clients::iterator>::iterator Executor::Next() {
       turns_, [most](const auto& client) { return client->first.empty() || client->second.running < most; });
 }
 
-void Executor::Loop() {
+void Executor::Loop(int nice) {
+  AddNice(nice);
   std::unique_lock lock(mutex_);
   while (true) {
     auto next = turns_.end();

@@ -22,8 +22,8 @@ class Executor {
     Limit waiting_per_client;  // of them
   };
 
-  // niceness: of the threads, 0 as the process's.
-  Executor(int threads, Limits limits, int niceness = 0);
+  // nice: added to the threads' own; what is more than 0 lets others go first.
+  Executor(int threads, Limits limits, int nice = 0);
   Executor(const Executor&) = delete;
   Executor& operator=(const Executor&) = delete;
   ~Executor();  // runs what is queued, then ends
@@ -43,7 +43,7 @@ class Executor {
   };
   using Clients = std::map<std::string, Client>;  // the server itself has no name
 
-  void Loop();
+  void Loop(int nice);
   void Put(Clients::iterator client, std::function<void()> task);
   std::deque<Clients::iterator>::iterator Next();
 
@@ -60,6 +60,12 @@ class Executor {
 
   std::vector<std::thread> threads_;
 };
+
+// Watchers take what the tuning leaves of the processors: however many there are, a job is hardly slower.
+inline constexpr int kStreamNice = 10;
+
+// Of the thread that calls. Where the system refuses, it stays as it was.
+void AddNice(int nice);
 
 // What a call keeps busy, and with it how long it may.
 enum class Work { kRead, kWrite, kQuery, kEpisode, kStream, kVerify };

@@ -637,7 +637,10 @@ class HttpServerImpl final : public HttpServer {
         core_->api,
         rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback, core_->options.metrics});
     net::co_spawn(core_->io, Accept(*core_, acceptor_), Report(*core_));
-    thread_ = std::thread([this] { core_->io.run(); });
+    thread_ = std::thread([this] {
+      AddNice(kStreamNice);
+      core_->io.run();
+    });
   }
 
   const std::string& address() const override { return address_; }

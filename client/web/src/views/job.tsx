@@ -278,13 +278,13 @@ function useFlights(job: Job | null, start: number): { flights: Flown[]; error: 
   const first = job?.initial_iteration;
   const best = job?.best_iteration;
   const ended = job !== null && isTerminal(job.state);
-  // While it runs, every ten seconds' best.
+  // While it runs: soon after it began, when most changes, and then every ten seconds.
   const [turn, setTurn] = useState(0);
   useEffect(() => {
     if (ended || !first) return;
-    const timer = setInterval(() => setTurn((t) => t + 1), 10_000);
-    return () => clearInterval(timer);
-  }, [ended, !first]);
+    const timer = setTimeout(() => setTurn((t) => t + 1), turn < 3 ? 2000 : 10_000);
+    return () => clearTimeout(timer);
+  }, [ended, !first, turn]);
   const key = !first || !best ? "" : `${job!.name} ${start} ${ended ? best.iteration : `turn ${turn}`}`;
   const flown = useRef("");
   useEffect(() => {
