@@ -41,9 +41,9 @@ struct JobQuery {
 };
 
 // Thread-safe. Callbacks run on the writer's thread, in the order of the calls, and must not block or call back into
-// a write that waits. A write that fails for want of a working disk is tried again until it succeeds or the store is
-// closed (then: UNAVAILABLE, and only the next store opened can tell whether it is on disk); `ok_for_now()` tells
-// which.
+// a write that waits. While the disk fails (`ok_for_now()` tells) what a job or a campaign has done is tried again until
+// it succeeds or the store is closed; creations, deletions and gain sets, which somebody can ask for again, are answered
+// UNAVAILABLE at once. After UNAVAILABLE only a read, or the next store opened, can tell whether it is on disk.
 class JobStore {
  public:
   using Done = std::function<void(absl::Status)>;

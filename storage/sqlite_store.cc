@@ -23,10 +23,13 @@ class SqliteGainStore final : public GainStore {
 
   void AddGainSets(std::vector<GainSet> sets, Done done) override {
     writer_.Queue({.apply = [sets = std::move(sets)](JobTables& tables) { return tables.AddGainSets(sets); },
-                   .answer = std::move(done)});
+                   .answer = std::move(done),
+                   .refusable = true});
   }
   void DeleteGainSet(const std::string& id, Done done) override {
-    writer_.Queue({.apply = [id](JobTables& tables) { return tables.DeleteGainSet(id); }, .answer = std::move(done)});
+    writer_.Queue({.apply = [id](JobTables& tables) { return tables.DeleteGainSet(id); },
+                   .answer = std::move(done),
+                   .refusable = true});
   }
   absl::StatusOr<GainSet> GetGainSet(const std::string& id) const override {
     return readers_.Run([&](Connection& connection) { return ReadGainSet(connection, id); });
@@ -45,11 +48,12 @@ class SqliteGainStore final : public GainStore {
 
 class SqliteStore final : public JobStore {
  public:
-  SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection)
+  SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection,
+              std::chrono::milliseconds first_retry_pause)
       : lock_(std::move(lock)),
         connection_(std::move(connection)),
         readers_(connection_->path()),
-        writer_(*connection_),
+        writer_(*connection_, first_retry_pause),
         campaigns_(*connection_, writer_, readers_),
         gains_(readers_, writer_) {}
 
@@ -107,9 +111,10 @@ void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::strin
     if (record.ok()) *created = *std::move(record);
     return record.status();
   };
-  writer_.Queue({.apply = apply, .answer = [created, done = std::move(done)](absl::Status status) {
-                   status.ok() ? done(std::move(*created)) : done(std::move(status));
-                 }});
+  const auto answer = [created, done = std::move(done)](absl::Status status) {
+    status.ok() ? done(std::move(*created)) : done(std::move(status));
+  };
+  writer_.Queue({.apply = apply, .answer = answer, .refusable = true});
 }
 
 void SqliteStore::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
@@ -127,7 +132,9 @@ void SqliteStore::ChangeState(const std::string& id, std::int64_t seq, StateChan
 }
 
 void SqliteStore::DeleteJob(const std::string& id, Done done) {
-  writer_.Queue({.apply = [id](JobTables& tables) { return tables.DeleteJob(id); }, .answer = std::move(done)});
+  writer_.Queue({.apply = [id](JobTables& tables) { return tables.DeleteJob(id); },
+                 .answer = std::move(done),
+                 .refusable = true});
 }
 
 absl::StatusOr<JobRecord> SqliteStore::GetJob(const std::string& id) const {
@@ -220,7 +227,7 @@ absl::StatusOr<std::unique_ptr<JobStore>> OpenSqliteStore(const SqliteStoreOptio
   if (!lock.ok()) return lock.status();
   auto connection = OpenForWriting(path->string());
   if (!connection.ok()) return connection.status();
-  return std::make_unique<SqliteStore>(*std::move(lock), *std::move(connection));
+  return std::make_unique<SqliteStore>(*std::move(lock), *std::move(connection), options.first_retry_pause);
 }
 
 }  // namespace orbitune

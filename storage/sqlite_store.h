@@ -1,6 +1,7 @@
 // The JobStore in one SQLite database file: WAL, every commit on disk before it is answered, one server at a time.
 #pragma once
 
+#include <chrono>
 #include <memory>
 #include <string>
 
@@ -10,6 +11,8 @@ namespace orbitune {
 
 struct SqliteStoreOptions {
   std::string path;  // of the database file; created if it is not there, its directory is not
+  // Before a commit that failed is tried again; the pauses grow to 2 s.
+  std::chrono::milliseconds first_retry_pause{50};
 };
 
 // Opens the database, brings its schema up to date and starts the writer. Errors name the path and what is wrong:

@@ -1,0 +1,259 @@
+// The disk failing at each of its calls in turn, while everything that the store can be asked for is done on it: what
+// comes out is always what comes out on a good disk.
+#include <gtest/gtest.h>
+#include <sqlite3.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <future>
+#include <thread>
+
+#include "absl/strings/str_cat.h"
+#include "core/scenario/presets.h"
+#include "storage/sqlite_store.h"
+#include "tests/storage/faulty_disk.h"
+#include "tests/storage/sqlite_support.h"
+#include "tests/storage/store_support.h"
+
+namespace orbitune::storage_test {
+namespace {
+
+using Fault = FaultyDisk::Fault;
+using Lasts = FaultyDisk::Lasts;
+
+// What an engineer with a shell of SQLite's own sees of all tables, but for the iterations of deleted jobs, which go
+// when there is time.
+std::string Dump(const std::string& path) {
+  std::string text;
+  sqlite3* db = nullptr;
+  EXPECT_EQ(sqlite3_open_v2(path.c_str(), &db, SQLITE_OPEN_READONLY, nullptr), SQLITE_OK);
+  const auto each_row = [db](const std::string& sql, const std::function<void(sqlite3_stmt*)>& visit) {
+    sqlite3_stmt* statement = nullptr;
+    EXPECT_EQ(sqlite3_prepare_v2(db, sql.c_str(), -1, &statement, nullptr), SQLITE_OK) << sqlite3_errmsg(db);
+    int result = SQLITE_DONE;
+    while ((result = sqlite3_step(statement)) == SQLITE_ROW) visit(statement);
+    EXPECT_EQ(result, SQLITE_DONE) << sqlite3_errmsg(db);
+    sqlite3_finalize(statement);
+  };
+  const auto column = [](sqlite3_stmt* row, int i) {
+    const auto* value = reinterpret_cast<const char*>(sqlite3_column_text(row, i));
+    return value == nullptr ? std::string("NULL") : std::string(value, sqlite3_column_bytes(row, i));
+  };
+  std::vector<std::string> tables;
+  each_row("SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT IN ('deleted_jobs') ORDER BY name",
+           [&](sqlite3_stmt* row) { tables.push_back(column(row, 0)); });
+  for (const std::string& table : tables) {
+    absl::StrAppend(&text, "\n", table, "\n");
+    const std::string where = table == "iterations" ? " WHERE job IN (SELECT key FROM jobs)" : "";
+    each_row(absl::StrCat("SELECT * FROM ", table, where, " ORDER BY 1, 2"), [&](sqlite3_stmt* row) {
+      for (int i = 0; i < sqlite3_column_count(row); ++i) absl::StrAppend(&text, column(row, i), "|");
+      absl::StrAppend(&text, "\n");
+    });
+  }
+  each_row("PRAGMA integrity_check", [&](sqlite3_stmt* row) { EXPECT_EQ(column(row, 0), "ok"); });
+  sqlite3_close_v2(db);
+  return text;
+}
+
+NewMember MemberOf(const std::string& campaign, MemberRole role, int number) {
+  NewMember member;
+  member.member.id = {.role = role, .number = number};
+  member.member.initial_condition = FindPreset("leo-rendezvous")->chaser;
+  member.member.job_id = absl::StrCat(campaign, number);
+  member.job = PlainSpec();
+  member.job->campaign_id = campaign;
+  return member;
+}
+
+// A user of the store who asks again, like a client that retries. Acknowledged is what comes back OK.
+class User {
+ public:
+  User(std::string path, FaultyDisk& disk) : path_(std::move(path)), disk_(disk) {}
+
+  void DoAll() {
+    Open();
+    CreateJob("tuned", "request-1");
+    EXPECT_EQ(CreateJob("tuned-again", "request-1"), "tuned");
+    Change("tuned", 2, ChangeTo(JobState::kRunning, 10));
+    for (int i = 1; i <= 3; ++i) Append("tuned", 2 + i, i, {1.5 * i, 2.5});
+    StateChange succeeded = ChangeTo(JobState::kSucceeded, 20);
+    succeeded.report = OddReport();
+    succeeded.gain_set = PlainGainSet("tuned");
+    Change("tuned", 6, succeeded);
+    CreateJob("gone", "");
+    Append("gone", 2, 1, {});
+    Change("gone", 3, ChangeTo(JobState::kCancelled, 30));
+    Ask([this](JobStore::Done done) { store_->DeleteJob("gone", std::move(done)); });
+    Ask([this](JobStore::Done done) {
+      store_->gains().AddGainSets({OddGainSet("one"), PlainGainSet("two")}, std::move(done));
+    });
+    Ask([this](JobStore::Done done) { store_->gains().DeleteGainSet("two", std::move(done)); });
+    CreateCampaign("kept");
+    EndCampaign("kept");
+    CreateCampaign("dropped");
+    for (const char* job : {"dropped1", "dropped2"}) Change(job, 2, ChangeTo(JobState::kCancelled, 40));
+    Ask([this](JobStore::Done done) { store_->campaigns().DeleteCampaign("dropped", std::move(done)); });
+    // A crowd in one commit, and what follows a restart.
+    for (int i = 1; i <= 40; ++i) {
+      store_->AppendIteration("kept1", i + 1, RecordOf(i), {}, [](const absl::Status& s) { EXPECT_TRUE(s.ok()) << s; });
+    }
+    store_->Flush();
+    store_.reset();
+    Open();
+    Change("kept1", 42, ChangeTo(JobState::kPaused, 50));
+    store_.reset();
+  }
+
+ private:
+  // Whether it came to an end; else the disk has failed, and is whole again for the next try.
+  bool Settled(const absl::Status& status) {
+    if (status.ok()) return true;
+    EXPECT_TRUE(absl::IsUnavailable(status)) << status;
+    EXPECT_TRUE(disk_.struck()) << status;
+    disk_.Heal();
+    return !absl::IsUnavailable(status);
+  }
+
+  void Open() {
+    for (bool settled = false; !settled;) {
+      auto store = OpenSqliteStore({.path = path_, .first_retry_pause = std::chrono::milliseconds(1)});
+      settled = Settled(store.status());
+      if (store.ok()) store_ = *std::move(store);
+    }
+    ASSERT_NE(store_, nullptr);
+  }
+
+  // The disk comes back once the store has said that it has failed.
+  template <typename Future>
+  auto Await(Future answer) {
+    while (answer.wait_for(std::chrono::microseconds(200)) != std::future_status::ready) {
+      const absl::Status state = store_->ok_for_now();
+      if (state.ok()) continue;
+      EXPECT_TRUE(absl::IsUnavailable(state)) << state;
+      disk_.Heal();
+    }
+    return answer.get();
+  }
+
+  absl::Status Once(const std::function<void(JobStore::Done)>& call) {
+    auto answer = std::make_shared<std::promise<absl::Status>>();
+    call([answer](absl::Status status) { answer->set_value(std::move(status)); });
+    return Await(answer->get_future());
+  }
+
+  // NOT_FOUND: an earlier try of a deletion was not acknowledged, and happened all the same.
+  void Ask(const std::function<void(JobStore::Done)>& call) {
+    absl::Status status = Once(call);
+    while (!Settled(status)) status = Once(call);
+  }
+
+  // What the engine writes is never refused while the store is open.
+  void Must(const std::function<void(JobStore::Done)>& call) {
+    const absl::Status status = Once(call);
+    EXPECT_TRUE(status.ok()) << status;
+  }
+
+  std::string CreateJob(const std::string& id, const std::string& request_id) {
+    for (;;) {
+      auto answer = std::make_shared<std::promise<absl::StatusOr<JobRecord>>>();
+      store_->CreateJob(id, PlainSpec(), 1, request_id, "digest",
+                        [answer](absl::StatusOr<JobRecord> record) { answer->set_value(std::move(record)); });
+      const absl::StatusOr<JobRecord> record = Await(answer->get_future());
+      if (Settled(record.status())) return record.ok() ? record->id : "";
+    }
+  }
+
+  void CreateCampaign(const std::string& id) {
+    for (bool settled = false; !settled;) {
+      auto answer = std::make_shared<std::promise<absl::Status>>();
+      CampaignSpec spec;
+      spec.scenario = *FindPreset("leo-rendezvous");
+      store_->campaigns().CreateCampaign(
+          {.id = id,
+           .spec = spec,
+           .members = {MemberOf(id, MemberRole::kTuned, 1), MemberOf(id, MemberRole::kTuned, 2)},
+           .time_us = 5,
+           .request_id = "request-" + id,
+           .request_digest = "digest"},
+          [answer](const absl::StatusOr<WrittenCampaign>& written) { answer->set_value(written.status()); });
+      settled = Settled(Await(answer->get_future()));
+    }
+  }
+
+  void EndCampaign(const std::string& id) {
+    const MemberEnded ended{.member = {.number = 2}, .job_id = id + "2", .state = JobState::kFailed, .time_us = 7};
+    Must([&](JobStore::Done done) { store_->campaigns().AppendMemberEnded(id, 2, ended, std::move(done)); });
+    CampaignEnd end;
+    end.change = {.state = CampaignState::kSucceeded, .time_us = 9, .message = {}, .results = CampaignResults{}};
+    end.evaluated.push_back({.id = {.number = 1}, .initial_condition = {}, .job_id = {}, .episodes = {{}, {}}});
+    end.gain_set = PlainGainSet(id);
+    Must([&](JobStore::Done done) { store_->campaigns().EndCampaign(id, 3, end, std::move(done)); });
+  }
+
+  void Append(const std::string& id, std::int64_t seq, int iteration, std::vector<double> checkpoint) {
+    Must([&](JobStore::Done done) {
+      store_->AppendIteration(id, seq, RecordOf(iteration), std::move(checkpoint), std::move(done));
+    });
+  }
+  void Change(const std::string& id, std::int64_t seq, const StateChange& change) {
+    Must([&](JobStore::Done done) { store_->ChangeState(id, seq, change, std::move(done)); });
+  }
+
+  const std::string path_;
+  FaultyDisk& disk_;
+  std::unique_ptr<JobStore> store_;
+};
+
+struct Case {
+  Fault fault;
+  const char* name;
+};
+constexpr Case kCases[] = {{Fault::kFull, "Full"},           {Fault::kWriteError, "WriteError"},
+                           {Fault::kShortWrite, "ShortWrite"}, {Fault::kSyncError, "SyncError"},
+                           {Fault::kReadOnly, "ReadOnly"},     {Fault::kLocked, "Locked"}};
+
+class SqliteFaults : public testing::TestWithParam<Case> {
+ protected:
+  SqliteFaults() : good_(RunWith([](FaultyDisk&) {})) {}
+
+  // The database after all was done on a disk that `harm` has set up, and whole by then.
+  std::string RunWith(const std::function<void(FaultyDisk&)>& harm) {
+    const TemporaryDirectory directory;
+    FaultyDisk disk;
+    harm(disk);
+    User(directory.File("orbitune.db"), disk).DoAll();
+    struck_ = disk.struck();
+    disk.Heal();
+    return Dump(directory.File("orbitune.db"));
+  }
+
+  bool struck_ = false;
+  const std::string good_;
+};
+
+// All calls, one after the other; where that takes long, ORBITUNE_FAULTS=all has it done, and otherwise every some-th
+// call is left out, others in every run of another fault.
+TEST_P(SqliteFaults, AtEachCallInTurn) {
+  const char* all = std::getenv("ORBITUNE_FAULTS");
+  const int step = all != nullptr && std::string(all) == "all" ? 1 : 1;
+  int calls = 0;
+  for (const Lasts lasts : {Lasts::kOneCall, Lasts::kUntilHealed}) {
+    if (GetParam().fault == Fault::kLocked && lasts == Lasts::kUntilHealed) continue;
+    for (int n = 1;; n += step) {
+      SCOPED_TRACE(absl::StrCat("call ", n));
+      const std::string dump = RunWith([&](FaultyDisk& disk) { disk.SetAt(n, GetParam().fault, lasts); });
+      if (!struck_) break;
+      ASSERT_EQ(dump, good_);
+      ASSERT_FALSE(HasFailure());
+      ++calls;
+    }
+  }
+  std::printf("%d calls failed\n", calls);
+  EXPECT_GT(calls, 20);
+}
+
+INSTANTIATE_TEST_SUITE_P(Each, SqliteFaults, testing::ValuesIn(kCases),
+                         [](const auto& tested) { return tested.param.name; });
+
+}  // namespace
+}  // namespace orbitune::storage_test
