@@ -12,6 +12,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/simd/lane_kernel.h"
+#include "server/commands/commands.h"
 #include "server/config/config.h"
 #include "server/jobs/gain_sets.h"
 #include "server/rest/server.h"
@@ -159,6 +160,9 @@ int Serve(const ServerConfig& config) {
 }  // namespace orbitune
 
 int main(int argc, char** argv) {
+  if (const orbitune::Command* command = argc > 1 ? orbitune::FindCommand(argv[1]) : nullptr) {
+    return command->run(argc - 1, argv + 1);
+  }
   int exit_code = 0;
   const auto config = orbitune::ParseServerConfig(argc, argv, exit_code);
   return config ? orbitune::Serve(*config) : exit_code;

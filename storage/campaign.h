@@ -53,6 +53,7 @@ struct CampaignSpec {
   std::optional<InitialConditionDraws> held_out_draws;  // of the held-out
   bool tune_held_out = false;                           // each by a job of its own, to compare with
   std::optional<RobustTuning> robust;
+  std::string owner;  // as JobSpec's
 };
 
 // Whose gains are flown.

@@ -36,6 +36,7 @@ struct JobSpec {
   Objective objective;                         // over the costs of several
   std::string warm_start;   // jobs/ID or gainSets/ID, whose gains scenario.search.initial_gains are; else empty
   std::string campaign_id;  // that the job is part of; else empty
+  std::string owner;        // name of the token that created it; empty: nobody's
 
   // What is flown.
   std::span<const OrbitState> starts() const {

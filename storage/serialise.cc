@@ -170,6 +170,7 @@ void VisitFields(T& s, V&& visit) {
   visit.Later("objective", s.objective);
   visit.Later("warm_start", s.warm_start);
   visit.Later("campaign_id", s.campaign_id);
+  visit.Later("owner", s.owner);
 }
 
 template <Is<EpisodeReport> T, typename V>
@@ -326,6 +327,7 @@ void VisitFields(T& s, V&& visit) {
   visit("held_out_draws", s.held_out_draws);
   visit("tune_held_out", s.tune_held_out);
   visit("robust", s.robust);
+  visit.Later("owner", s.owner);
 }
 
 template <Is<MemberEpisode> T, typename V>

@@ -29,8 +29,19 @@ class Api {
 
   // Answers a unary method on the threads meant for it, and calls `done` there; or calls it at once, with
   // RESOURCE_EXHAUSTED, where too many calls wait. request, response: live until then.
-  void Call(const Method& method, const google::protobuf::Message& request, google::protobuf::Message* response,
-            Cancelled cancelled, std::function<void(absl::Status)> done);
+  void Call(const Method& method, CallContext context, const google::protobuf::Message& request,
+            google::protobuf::Message* response, std::function<void(absl::Status)> done);
+
+  // Answers a unary method here; may block. PERMISSION_DENIED where the method's rule keeps the caller out.
+  absl::Status Answer(const Method& method, const CallContext& context, const google::protobuf::Message& request,
+                      google::protobuf::Message* response);
+
+  // A stream; one that ends at once with PERMISSION_DENIED where the method's rule keeps the caller out.
+  std::shared_ptr<Feed> Open(const Method& method, const CallContext& context,
+                             const google::protobuf::Message& request);
+
+  // Whether the caller's role lets it call the method at all, whatever the request.
+  static absl::Status CheckRole(const Method& method, const Caller& caller);
 
   // For what a transport has to do that may block.
   Executors& executors() { return executors_; }
@@ -39,6 +50,10 @@ class Api {
   void Drain() { feeds_.Drain(); }
 
  private:
+  absl::Status CheckOwner(const Method& method, const Caller& caller, const google::protobuf::Message& request) const;
+
+  UseCases& use_cases_;
+  CampaignUseCases& campaign_use_cases_;
   Feeds feeds_;
   JobEventMessages messages_;
   TuningApi tuning_;

@@ -25,9 +25,11 @@ void CampaignApi::AddTo(MethodTable& methods) {
   methods.Add(service + "ListCampaignMembers", Work::kRead, this, &CampaignApi::ListCampaignMembers);
 }
 
-absl::Status CampaignApi::CreateCampaign(const v1::CreateCampaignRequest& request, v1::Campaign* out) {
-  const auto campaign = FromProto(request.campaign());
+absl::Status CampaignApi::CreateCampaign(const v1::CreateCampaignRequest& request, v1::Campaign* out,
+                                         const CallContext& context) {
+  auto campaign = FromProto(request.campaign());
   if (!campaign.ok()) return campaign.status();
+  campaign->job.owner = context.caller.owner();
   return Answer(use_cases_.Create(*campaign, request.request_id(), request.validate_only()), out);
 }
 

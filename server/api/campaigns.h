@@ -17,7 +17,7 @@ class CampaignApi {
   void AddTo(MethodTable& methods);
 
  private:
-  absl::Status CreateCampaign(const v1::CreateCampaignRequest& request, v1::Campaign* out);
+  absl::Status CreateCampaign(const v1::CreateCampaignRequest& request, v1::Campaign* out, const CallContext& context);
   absl::Status GetCampaign(const v1::GetCampaignRequest& request, v1::Campaign* out);
   absl::Status ListCampaigns(const v1::ListCampaignsRequest& request, v1::ListCampaignsResponse* out);
   absl::Status PauseCampaign(const v1::PauseCampaignRequest& request, v1::Campaign* out);

@@ -7,7 +7,19 @@ namespace {
 
 absl::Status GoingDown() { return absl::UnavailableError("the server is going down"); }
 
+class Ended final : public Feed {
+ public:
+  explicit Ended(absl::Status status) : status_(std::move(status)) {}
+  void Next(std::size_t, Taken taken) override { taken({.items = {}, .end = status_}); }
+  void End(const absl::Status&) override {}
+
+ private:
+  const absl::Status status_;
+};
+
 }  // namespace
+
+std::shared_ptr<Feed> EndedFeed(absl::Status status) { return std::make_shared<Ended>(std::move(status)); }
 
 const std::string& StreamMessage::json() const {
   std::call_once(once_, [this] { json_ = ToJson(*message_); });

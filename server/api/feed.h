@@ -62,6 +62,9 @@ class Feed : public std::enable_shared_from_this<Feed> {
   virtual void End(const absl::Status& status) = 0;
 };
 
+// A stream that has ended before it began.
+std::shared_ptr<Feed> EndedFeed(absl::Status status);
+
 // The feeds of a server, so that a drain can end them. Thread-safe.
 class Feeds {
  public:

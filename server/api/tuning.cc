@@ -26,9 +26,10 @@ void TuningApi::AddTo(MethodTable& methods) {
   methods.Add(service + "ListIterations", Work::kRead, this, &TuningApi::ListIterations);
 }
 
-absl::Status TuningApi::CreateJob(const v1::CreateJobRequest& request, v1::Job* out) {
-  const auto job = FromProto(request.job());
+absl::Status TuningApi::CreateJob(const v1::CreateJobRequest& request, v1::Job* out, const CallContext& context) {
+  auto job = FromProto(request.job());
   if (!job.ok()) return job.status();
+  job->owner = context.caller.owner();
   return Answer(use_cases_.CreateJob(*job, request.request_id(), request.validate_only()), out);
 }
 

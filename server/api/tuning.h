@@ -16,7 +16,7 @@ class TuningApi {
   void AddTo(MethodTable& methods);
 
  private:
-  absl::Status CreateJob(const v1::CreateJobRequest& request, v1::Job* out);
+  absl::Status CreateJob(const v1::CreateJobRequest& request, v1::Job* out, const CallContext& context);
   absl::Status GetJob(const v1::GetJobRequest& request, v1::Job* out);
   absl::Status ListJobs(const v1::ListJobsRequest& request, v1::ListJobsResponse* out);
   absl::Status CancelJob(const v1::CancelJobRequest& request, v1::Job* out);

@@ -11,14 +11,6 @@
 namespace orbitune {
 namespace {
 
-std::string DefaultDataDir() {
-  if (const char* xdg = std::getenv("XDG_DATA_HOME"); xdg != nullptr && *xdg != '\0') {
-    return std::string(xdg) + "/orbitune";
-  }
-  const char* home = std::getenv("HOME");
-  return home != nullptr && *home != '\0' ? std::string(home) + "/.local/share/orbitune" : "orbitune-data";
-}
-
 std::string CheckAddress(const std::string& text) {
   const std::size_t colon = text.rfind(':');
   const std::string port = colon == std::string::npos ? "" : text.substr(colon + 1);
@@ -100,6 +92,14 @@ void AddHttpOptions(CLI::App& app, ServerConfig& config) {
 }
 
 }  // namespace
+
+std::string DefaultDataDir() {
+  if (const char* xdg = std::getenv("XDG_DATA_HOME"); xdg != nullptr && *xdg != '\0') {
+    return std::string(xdg) + "/orbitune";
+  }
+  const char* home = std::getenv("HOME");
+  return home != nullptr && *home != '\0' ? std::string(home) + "/.local/share/orbitune" : "orbitune-data";
+}
 
 std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_code) {
   ServerConfig config;

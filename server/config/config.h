@@ -25,6 +25,9 @@ struct ServerConfig {
   std::string simd = "auto";
 };
 
+// Where the database is kept unless --data-dir or ORBITUNE_DATA_DIR says.
+std::string DefaultDataDir();
+
 // Parses the command line. Nothing if the process is to end at once, with `exit_code`: after --help, --version, or an
 // error that was printed.
 std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_code);

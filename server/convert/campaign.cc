@@ -175,6 +175,7 @@ void ToProto(const CampaignRecord& record, v1::Campaign* out) {
   SetDraw(spec.draws, out->mutable_initial_conditions());
   SetDraw(spec.held_out_draws, out->mutable_held_out());
   out->set_tune_held_out(spec.tune_held_out);
+  out->set_owner(spec.owner);
   if (spec.robust) {
     ToProto(spec.robust->search, out->mutable_robust()->mutable_hyperparameters());
     ToProto(spec.robust->objective, out->mutable_robust()->mutable_objective());

@@ -257,6 +257,7 @@ void ToProto(const JobRecord& record, v1::Job* out) {
   }
   out->set_warm_start(spec.warm_start);
   if (!spec.campaign_id.empty()) out->set_campaign(absl::StrCat("campaigns/", spec.campaign_id));
+  out->set_owner(spec.owner);
   ToProto(spec.scenario.search, out->mutable_hyperparameters());
   if (record.id.empty()) return;
   out->set_name(absl::StrCat("jobs/", record.id));

@@ -61,7 +61,7 @@ bool Reads(std::string_view http_method) { return http_method == "GET" || http_m
 struct Gateway::Exchange {
   HttpRequest request;
   Target target;
-  Cancelled cancelled;
+  CallContext context;
   std::function<void(Reply)> done;
 };
 
@@ -73,7 +73,8 @@ Gateway::Gateway(Api& api, GatewayOptions options)
       openapi_(OpenApiJson(routes_)) {}
 
 void Gateway::Handle(HttpRequest request, Cancelled cancelled, std::function<void(Reply)> done) {
-  auto exchange = std::make_shared<Exchange>(Exchange{std::move(request), {}, std::move(cancelled), std::move(done)});
+  auto exchange = std::make_shared<Exchange>(
+      Exchange{std::move(request), {}, {LocalCaller(""), std::move(cancelled)}, std::move(done)});
   if (absl::Status status = CheckOrigin(exchange->request); !status.ok()) return Send(*exchange, ErrorReply(status));
   auto target = ParseTarget(exchange->request.target);
   if (!target.ok()) return Send(*exchange, ErrorReply(target.status()));
@@ -156,7 +157,7 @@ HttpReply Gateway::Answer(const RouteTable::Match& match, const Exchange& exchan
       ReadRequest(*match.route, match.bindings, exchange.target.query, exchange.request.body, request.get());
   if (!status.ok()) return ErrorReply(status);
   const std::unique_ptr<google::protobuf::Message> response(method.response->New());
-  status = method.answer(*request, response.get(), exchange.cancelled);
+  status = api_.Answer(method, exchange.context, *request, response.get());
   if (!status.ok()) return ErrorReply(status);
   HttpReply reply = Ok(kJson, ToJson(*response) + "\n");
   reply.headers.emplace_back("Cache-Control", "no-store");
@@ -183,7 +184,7 @@ Gateway::Reply Gateway::OpenStream(const RouteTable::Match& match, const Exchang
   reply.headers = {{"Content-Type", reply.sse ? "text/event-stream" : "application/x-ndjson"},
                    {"Cache-Control", "no-store"},
                    {"X-Accel-Buffering", "no"}};
-  reply.feed = method.open(*request);
+  reply.feed = api_.Open(method, exchange.context, *request);
   return reply;
 }
 

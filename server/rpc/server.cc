@@ -40,8 +40,9 @@ class Tuning final : public ApiService<v1::TuningService> {
   Reactor* DeleteJob(Context* context, const v1::DeleteJobRequest* request, google::protobuf::Empty* out) override {
     return Call("DeleteJob", context, request, out);
   }
-  grpc::ServerWriteReactor<v1::WatchJobResponse>* WatchJob(Context*, const v1::WatchJobRequest* request) override {
-    return Stream<v1::WatchJobResponse>("WatchJob", request);
+  grpc::ServerWriteReactor<v1::WatchJobResponse>* WatchJob(Context* context,
+                                                           const v1::WatchJobRequest* request) override {
+    return Stream<v1::WatchJobResponse>("WatchJob", context, request);
   }
   Reactor* ListIterations(Context* context, const v1::ListIterationsRequest* request,
                           v1::ListIterationsResponse* out) override {
@@ -78,9 +79,9 @@ class Campaigns final : public ApiService<v1::CampaignService> {
   Reactor* ExtendCampaign(Context* context, const v1::ExtendCampaignRequest* request, v1::Campaign* out) override {
     return Call("ExtendCampaign", context, request, out);
   }
-  grpc::ServerWriteReactor<v1::WatchCampaignResponse>* WatchCampaign(Context*,
+  grpc::ServerWriteReactor<v1::WatchCampaignResponse>* WatchCampaign(Context* context,
                                                                      const v1::WatchCampaignRequest* request) override {
-    return Stream<v1::WatchCampaignResponse>("WatchCampaign", request);
+    return Stream<v1::WatchCampaignResponse>("WatchCampaign", context, request);
   }
   Reactor* ListCampaignMembers(Context* context, const v1::ListCampaignMembersRequest* request,
                                v1::ListCampaignMembersResponse* out) override {

@@ -76,15 +76,14 @@ class ApiService : public Service::CallbackService {
   template <typename Request, typename Response>
   Reactor* Call(const char* method, Context* context, const Request* request, Response* response) {
     Reactor* reactor = context->DefaultReactor();
-    api_.Call(
-        Find<Request>(method), *request, response, [context] { return context->IsCancelled(); },
-        [reactor](const absl::Status& status) { reactor->Finish(ToGrpc(status)); });
+    api_.Call(Find<Request>(method), {LocalCaller(context->peer()), [context] { return context->IsCancelled(); }},
+              *request, response, [reactor](const absl::Status& status) { reactor->Finish(ToGrpc(status)); });
     return reactor;
   }
 
   template <typename Response, typename Request>
-  grpc::ServerWriteReactor<Response>* Stream(const char* method, const Request* request) {
-    return new StreamReactor<Response>(Find<Request>(method).open(*request));
+  grpc::ServerWriteReactor<Response>* Stream(const char* method, Context* context, const Request* request) {
+    return new StreamReactor<Response>(api_.Open(Find<Request>(method), {LocalCaller(context->peer())}, *request));
   }
 
  private:

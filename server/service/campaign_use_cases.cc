@@ -159,7 +159,8 @@ absl::StatusOr<CampaignUseCases::Resolved> CampaignUseCases::Resolve(const Campa
                    .labels = job->labels,
                    .scenario = job->scenario,
                    .warm_start = job->warm_start,
-                   .tune_held_out = request.tune_held_out};
+                   .tune_held_out = request.tune_held_out,
+                   .owner = job->owner};
   CampaignSpec& spec = resolved.spec;
   auto tuned = Take(request.initial_conditions, DrawSet::kTuning, {job->scenario.neighbourhood, 1},
                     "campaign.initial_conditions", spec.draws);
@@ -215,6 +216,7 @@ std::vector<NewMember> CampaignUseCases::MakeMembers(const std::string& id, cons
       job.initial_condition = state;
       job.warm_start = spec.warm_start;
       job.campaign_id = id;
+      job.owner = spec.owner;
     }
     ++number;
   }
@@ -235,6 +237,7 @@ NewMember CampaignUseCases::MakeRobustMember(const std::string& id, const Campai
   job.objective = spec.robust->objective;
   job.warm_start = spec.warm_start;
   job.campaign_id = id;
+  job.owner = spec.owner;
   return member;
 }
 

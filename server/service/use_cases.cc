@@ -148,7 +148,8 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job, const std::optional<Gains>& s
                .initial_conditions = job.initial_conditions,
                .objective = job.objective,
                .warm_start = job.warm_start,
-               .campaign_id = job.campaign_id};
+               .campaign_id = job.campaign_id,
+               .owner = job.owner};
   auto scenario = Choose(job.scenario);
   if (scenario.ok()) {
     spec.scenario = *std::move(scenario);

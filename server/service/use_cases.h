@@ -56,6 +56,7 @@ struct NewJob {
   Objective objective;
   std::string warm_start;   // jobs/ID or gainSets/ID; empty: none
   std::string campaign_id;  // of the campaign that creates it; no client's to give
+  std::string owner;        // the caller's name; no client's to give
   SearchOverrides search;
 };
 

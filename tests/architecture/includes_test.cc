@@ -45,6 +45,7 @@ const std::vector<Folder>& Folders() {
       {"server/rpc", {"core", "storage", "server/jobs", "server/service", "server/convert", "server/api", kProto}},
       {"server/rest", {"core", "storage", "server/jobs", "server/service", "server/convert", "server/api", kProto}},
       {"server/config", {"core", "storage", "server/jobs", "server/service"}},
+      {"server/commands", {"core", "storage", "server/config"}},
       {"server", {"core", "storage", "server", kProto}},  // main.cc alone: wiring
       {"client/cli", {kProto}},
   };
@@ -65,7 +66,7 @@ const std::vector<Library>& Libraries() {
       {{"Random123/"}, {"core/base"}},
       {{"hwy/"}, {"core/simd"}},
       {{"nanoflann", "openssl/"}, {"core/library"}},
-      {{"boost/", "nlohmann/", "CLI/"}, {"storage", "server/rest", "server/config", "client/cli"}},
+      {{"boost/", "nlohmann/", "CLI/"}, {"storage", "server/rest", "server/config", "server/commands", "client/cli"}},
   };
   return *libraries;
 }

@@ -110,6 +110,7 @@ JobSpec OddSpec() {
   spec.objective = {.aggregate = Aggregate::kCvar, .level = 0.9, .relative_to_initial = true};
   spec.warm_start = "jobs/another";
   spec.campaign_id = "campaign";
+  spec.owner = "ana";
   return spec;
 }
 
