@@ -71,9 +71,9 @@ class SqliteWriter {
   Connection& connection_;
   JobTables tables_;
   const std::chrono::milliseconds first_pause_;
-  bool leftovers_ = true;      // perhaps
+  bool leftovers_ = true;       // perhaps
   bool leftovers_hit_ = false;  // by an error, and had better wait
-  bool gave_up_ = false;       // the disk failed while the writer was ending
+  bool gave_up_ = false;        // the disk failed while the writer was ending
 
   mutable std::mutex mutex_;
   std::condition_variable work_;      // queue_ or stopping_ changed

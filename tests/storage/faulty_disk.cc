@@ -175,7 +175,7 @@ int Delete(sqlite3_vfs*, const char* name, int sync_directory) {
 }  // namespace
 
 FaultyDisk::FaultyDisk() {
-  Heal();
+  Set(Fault::kNone);
   real_vfs = sqlite3_vfs_find(nullptr);
   faulty_vfs = *real_vfs;
   faulty_vfs.zName = "faulty";
@@ -195,6 +195,11 @@ void FaultyDisk::Set(Fault fault) { SetAt(1, fault, Lasts::kUntilHealed); }
 void FaultyDisk::SetAt(std::int64_t n, Fault fault, Lasts lasts) {
   const std::lock_guard lock(plan_mutex);
   plan = {.fault = fault, .calls_before = n - 1, .lasts = lasts, .struck = false};
+}
+
+void FaultyDisk::Heal() {
+  const std::lock_guard lock(plan_mutex);
+  plan.fault = Fault::kNone;
 }
 
 bool FaultyDisk::struck() const {

@@ -30,12 +30,13 @@ class FaultyDisk {
 
   // All thread-safe, and for every file.
 
-  // From now on; kNone heals.
+  // From now on.
   void Set(Fault fault);
   // At the n-th call from now, n from 1.
   void SetAt(std::int64_t n, Fault fault, Lasts lasts);
-  void Heal() { Set(Fault::kNone); }
-  // Whether a call has failed since the fault was set.
+  // Nothing fails any more.
+  void Heal();
+  // Whether a call has failed since the fault was set, healed meanwhile or not.
   bool struck() const;
 };
 
