@@ -13,6 +13,7 @@
 #include "core/scenario/scenario.h"
 #include "core/search/objective.h"
 #include "core/search/search.h"
+#include "storage/provenance.h"
 
 namespace orbitune {
 
@@ -142,6 +143,7 @@ struct JobRecord {
   std::vector<double> checkpoint;       // the search's before `latest`; of a job that has not ended
   std::optional<JobReport> report;
   std::string error_message;
+  std::optional<Provenance> provenance;  // none: it ended under a server that kept none
 
   int completed_iterations() const { return latest ? latest->iteration : 0; }
 };

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,7 @@ struct JobFilter {
   std::vector<std::string> scenario_ids;      // any of; empty: every one
   std::vector<std::string> not_scenario_ids;  // none of
   std::vector<Label> labels;                  // all of
+  std::vector<std::string> texts;             // each somewhere in id, scenario, title or a label, "key=value"
   std::string campaign_id;                    // only this one's jobs; empty: only those that are part of none
 };
 
@@ -38,6 +40,12 @@ struct JobQuery {
     std::string id;
   };
   std::optional<Cursor> after;
+};
+
+// A stretch of a job's iterations, both ends included; beyond the newest there are none.
+struct IterationRange {
+  int first = 1;
+  int last = std::numeric_limits<int>::max();
 };
 
 // Thread-safe. Callbacks run on the writer's thread, in the order of the calls, and must not block or call back into
@@ -62,10 +70,8 @@ class JobStore {
                          Created done) = 0;
 
   // seq: the job's last one + 1; the record's iteration: its latest + 1. Keeps latest, first and best up to date.
-  // checkpoint: the search's before the iteration (may be empty); takes the place of the one before, in the same commit
-  // as the iteration.
   virtual void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                               std::vector<double> checkpoint, Done done) = 0;
+                               Continuation continuation, Done done) = 0;
 
   // seq: the job's last one + 1. Sets start_time at the first kRunning, end_time at a terminal state. Stores
   // change.gain_set, if there is one, in the same commit.
@@ -87,10 +93,10 @@ class JobStore {
   virtual absl::StatusOr<std::vector<IterationRecord>> ListIterations(const std::string& id, int after_iteration,
                                                                       int limit) const = 0;
 
-  // At most `max_points` (>= 16) of all the job's iterations, ascending: all, where there are no more; else the first,
-  // the last, the best, and of equal stretches of the history the iteration of least and that of greatest cost, one
-  // without a cost counting as the greatest. NOT_FOUND for an unknown job.
-  virtual absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id,
+  // At most `max_points` (>= 16) of the job's iterations in `range`, ascending: all, where there are no more; else the
+  // first, the last, the best, and of equal stretches of the range the iteration of least and that of greatest cost,
+  // one without a cost counting as the greatest. NOT_FOUND for an unknown job.
+  virtual absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, IterationRange range,
                                                                         int max_points) const = 0;
 
   // Events after `after_seq`, ascending and dense, at most `limit`. NOT_FOUND for an unknown job.

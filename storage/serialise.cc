@@ -230,6 +230,23 @@ void VisitFields(T& s, V&& visit) {
   visit("episodes", s.episodes);
 }
 
+template <Is<EngineStretch> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("first_iteration", s.first_iteration);
+  visit("version", s.engine.version);
+  visit("simd_target", s.engine.simd_target);
+  visit("fused_multiply_add", s.engine.fused_multiply_add);
+  visit("libraries", s.engine.libraries);
+}
+
+template <Is<Provenance> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("scenario_digest", s.scenario_digest);
+  visit("inputs_digest", s.inputs_digest);
+  visit("backfilled", s.backfilled);
+  visit("engines", s.engines);
+}
+
 template <Is<Certificate> T, typename V>
 void VisitFields(T& s, V&& visit) {
   visit("gains_positive", s.gains_positive);
@@ -653,6 +670,14 @@ absl::StatusOr<JobReport> JobReportFromJson(std::string_view text) { return From
 std::string ToJson(const Scenario& scenario) { return Dump(Encode(scenario)); }
 
 absl::StatusOr<Scenario> ScenarioFromJson(std::string_view text) { return FromJson<Scenario>(text, "scenario"); }
+
+std::string ToJson(const Provenance& provenance) { return Encode(provenance).dump(); }
+
+std::string ToJson(const EngineStretch& stretch) { return Encode(stretch).dump(); }
+
+absl::StatusOr<Provenance> ProvenanceFromJson(std::string_view text) {
+  return FromJson<Provenance>(text, "provenance");
+}
 
 std::string GainSetDocument(const GainSet& set) { return Dump(Encode(set)); }
 

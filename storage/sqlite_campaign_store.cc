@@ -5,6 +5,7 @@
 #include "storage/serialise.h"
 #include "storage/sqlite_campaign_queries.h"
 #include "storage/sqlite_campaign_tables.h"
+#include "storage/sqlite_provenance.h"
 
 namespace orbitune {
 namespace {
@@ -21,6 +22,7 @@ absl::StatusOr<CampaignDocuments> DocumentsOf(const CampaignSpec& spec, std::vec
       absl::StatusOr<std::string> job_spec = ToJson(*member.job);
       if (!job_spec.ok()) return job_spec.status();
       row.job_spec_json = *std::move(job_spec);
+      row.job_provenance = NewProvenance(*member.job);
     }
     const OrbitState& state = member.member.initial_condition;
     if (!std::holds_alternative<std::monostate>(state)) row.initial_condition_json = ToJson(state);

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
+#include "storage/sqlite_provenance.h"
 
 namespace orbitune {
 namespace {
@@ -31,7 +32,8 @@ std::string SelectJobs(std::string_view report, std::string_view tail) {
       "SELECT jobs.key, id, state, create_time_us, start_time_us, end_time_us, update_time_us, last_seq, "
       "state_changes, iterations, best_iteration, error_message, spec, ",
       ToAbsl(report),
-      ", doubles FROM jobs JOIN job_documents ON job_documents.job = jobs.key LEFT JOIN checkpoints ON checkpoints.job "
+      ", doubles, provenance, digest FROM jobs JOIN job_documents ON job_documents.job = jobs.key LEFT JOIN "
+      "checkpoints ON checkpoints.job "
       "= "
       "jobs.key",
       ToAbsl(tail));
@@ -66,6 +68,11 @@ absl::StatusOr<JobRow> JobRowIn(const Statement& row) {
     record.report = *std::move(report);
   }
   record.checkpoint = row.Doubles(14);
+  if (!row.IsNull(15)) {
+    absl::StatusOr<Provenance> provenance = ReadProvenance(row.Text(15), row.Text(16));
+    if (!provenance.ok()) return InJob(record.id, provenance.status());
+    record.provenance = *std::move(provenance);
+  }
   return job;
 }
 
@@ -129,12 +136,12 @@ struct Extremes {
 };
 
 // Which iterations JobStore::SampleIterations shows of a history that has more than max_points. Reads two columns.
-absl::StatusOr<std::set<std::int64_t>> PickIterations(Connection& connection, const JobProgress& progress,
-                                                      int max_points) {
-  std::set<std::int64_t> picked{1, progress.iterations};
-  auto best = connection.Prepare("SELECT best_iteration FROM jobs WHERE key = ? AND best_iteration IS NOT NULL");
+absl::StatusOr<std::set<std::int64_t>> PickIterations(Connection& connection, std::int64_t job_key,
+                                                      IterationRange range, int max_points) {
+  std::set<std::int64_t> picked{range.first, range.last};
+  auto best = connection.Prepare("SELECT best_iteration FROM jobs WHERE key = ? AND best_iteration BETWEEN ? AND ?");
   if (!best.ok()) return best.status();
-  absl::Status status = best->Bind(progress.key).ForEachRow([&] {
+  absl::Status status = best->Bind(job_key, range.first, range.last).ForEachRow([&] {
     picked.insert(best->Int(0));
     return absl::OkStatus();
   });
@@ -142,11 +149,12 @@ absl::StatusOr<std::set<std::int64_t>> PickIterations(Connection& connection, co
 
   std::vector<Extremes> stretches(static_cast<std::size_t>((max_points - 3) / 2));
   const auto count = static_cast<std::int64_t>(stretches.size());
-  auto rows = connection.Prepare("SELECT iteration, cost FROM iterations WHERE job = ? AND iteration BETWEEN 1 AND ?");
+  const std::int64_t span = static_cast<std::int64_t>(range.last) - range.first + 1;
+  auto rows = connection.Prepare("SELECT iteration, cost FROM iterations WHERE job = ? AND iteration BETWEEN ? AND ?");
   if (!rows.ok()) return rows.status();
-  status = rows->Bind(progress.key, progress.iterations).ForEachRow([&] {
+  status = rows->Bind(job_key, range.first, range.last).ForEachRow([&] {
     const std::int64_t iteration = rows->Int(0);
-    stretches[static_cast<std::size_t>((iteration - 1) * count / progress.iterations)].Add(iteration, rows->Real(1));
+    stretches[static_cast<std::size_t>((iteration - range.first) * count / span)].Add(iteration, rows->Real(1));
     return absl::OkStatus();
   });
   if (!status.ok()) return status;
@@ -281,11 +289,15 @@ absl::StatusOr<std::vector<IterationRecord>> ReadIterationsOf(Connection& connec
 }
 
 absl::StatusOr<std::vector<IterationRecord>> SampleIterationsOf(Connection& connection, const std::string& id,
-                                                                int max_points) {
+                                                                IterationRange range, int max_points) {
   const absl::StatusOr<JobProgress> progress = ReadProgress(connection, id);
   if (!progress.ok()) return progress.status();
-  if (progress->iterations <= max_points) return ReadIterationsOf(connection, id, 0, max_points);
-  const auto picked = PickIterations(connection, *progress, max_points);
+  range.first = std::max(range.first, 1);
+  range.last = static_cast<int>(std::min<std::int64_t>(range.last, progress->iterations));
+  const std::int64_t count = static_cast<std::int64_t>(range.last) - range.first + 1;
+  if (count <= 0) return std::vector<IterationRecord>();
+  if (count <= max_points) return ReadIterationsOf(connection, id, range.first - 1, static_cast<int>(count));
+  const auto picked = PickIterations(connection, progress->key, range, max_points);
   if (!picked.ok()) return InJob(id, picked.status());
   std::vector<IterationRecord> records;
   for (const std::int64_t iteration : *picked) {

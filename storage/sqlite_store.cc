@@ -10,6 +10,7 @@
 #include "storage/sqlite_job_queries.h"
 #include "storage/sqlite_list_query.h"
 #include "storage/sqlite_lock.h"
+#include "storage/sqlite_provenance.h"
 #include "storage/sqlite_reader_pool.h"
 #include "storage/sqlite_schema.h"
 #include "storage/sqlite_writer.h"
@@ -60,7 +61,7 @@ class SqliteStore final : public JobStore {
   void CreateJob(std::string id, JobSpec spec, TimeUs now, std::string request_id, std::string request_digest,
                  Created done) override;
   void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                       std::vector<double> checkpoint, Done done) override;
+                       Continuation continuation, Done done) override;
   void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) override;
   void DeleteJob(const std::string& id, Done done) override;
 
@@ -69,7 +70,8 @@ class SqliteStore final : public JobStore {
   absl::StatusOr<std::vector<JobRecord>> ListUnfinishedJobs() const override;
   absl::StatusOr<std::vector<IterationRecord>> ListIterations(const std::string& id, int after_iteration,
                                                               int limit) const override;
-  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, int max_points) const override;
+  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, IterationRange range,
+                                                                int max_points) const override;
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                    int limit) const override;
 
@@ -99,9 +101,11 @@ void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::strin
                    .answer = std::move(done)});
     return;
   }
+  Provenance provenance = NewProvenance(spec);
   auto job = std::make_shared<const NewJob>(NewJob{.id = std::move(id),
                                                    .spec = std::move(spec),
                                                    .spec_json = *std::move(spec_json),
+                                                   .provenance = std::move(provenance),
                                                    .time_us = now,
                                                    .request_id = std::move(request_id),
                                                    .request_digest = std::move(request_digest)});
@@ -118,9 +122,9 @@ void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::strin
 }
 
 void SqliteStore::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                                  std::vector<double> checkpoint, Done done) {
-  writer_.Queue({.apply = [id, seq, record, checkpoint = std::move(checkpoint)](
-                              JobTables& tables) { return tables.AppendIteration(id, seq, record, checkpoint); },
+                                  Continuation continuation, Done done) {
+  writer_.Queue({.apply = [id, seq, record, continuation = std::move(continuation)](
+                              JobTables& tables) { return tables.AppendIteration(id, seq, record, continuation); },
                  .answer = std::move(done)});
 }
 
@@ -164,9 +168,9 @@ absl::StatusOr<std::vector<IterationRecord>> SqliteStore::ListIterations(const s
   return readers_.Run([&](Connection& connection) { return ReadIterationsOf(connection, id, after_iteration, limit); });
 }
 
-absl::StatusOr<std::vector<IterationRecord>> SqliteStore::SampleIterations(const std::string& id,
+absl::StatusOr<std::vector<IterationRecord>> SqliteStore::SampleIterations(const std::string& id, IterationRange range,
                                                                            int max_points) const {
-  return readers_.Run([&](Connection& connection) { return SampleIterationsOf(connection, id, max_points); });
+  return readers_.Run([&](Connection& connection) { return SampleIterationsOf(connection, id, range, max_points); });
 }
 
 absl::StatusOr<std::vector<JobEvent>> SqliteStore::ListEvents(const std::string& id, std::int64_t after_seq,
@@ -214,6 +218,7 @@ absl::StatusOr<std::unique_ptr<Connection>> OpenForWriting(const std::string& pa
   if (!status.ok()) return status;
   status = TurnOnWriteAheadLog(**connection);
   if (status.ok()) status = Migrate(**connection, Migrations());
+  if (status.ok()) status = BackfillProvenance(**connection);
   if (!status.ok()) return status;
   return connection;
 }

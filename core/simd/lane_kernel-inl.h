@@ -588,6 +588,8 @@ inline void Run(const LaneEpisode* episodes, LaneResult* results, std::size_t n)
 
 inline std::size_t Count() { return kWidth; }
 
+inline bool Fuses() { return HWY_NATIVE_FMA != 0; }
+
 }  // namespace orbitune::simd::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 #endif

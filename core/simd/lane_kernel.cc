@@ -15,6 +15,7 @@ namespace orbitune::simd {
 
 HWY_EXPORT(Run);
 HWY_EXPORT(Count);
+HWY_EXPORT(Fuses);
 
 namespace {
 
@@ -45,6 +46,8 @@ const Target& InUse() {
 void RunLanes(const LaneEpisode* episodes, LaneResult* results, std::size_t n) {
   HWY_DYNAMIC_DISPATCH(Run)(episodes, results, n);
 }
+
+bool TargetFuses() { return HWY_DYNAMIC_DISPATCH(Fuses)(); }
 
 std::size_t LaneCount() { return HWY_DYNAMIC_DISPATCH(Count)(); }
 

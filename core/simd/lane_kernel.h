@@ -52,4 +52,7 @@ std::vector<std::string> SupportedTargets();
 std::string TargetInUse();
 bool UseTarget(const std::string& name);
 
+// Whether the one in use fuses a multiplication and an addition.
+bool TargetFuses();
+
 }  // namespace orbitune::simd

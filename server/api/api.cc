@@ -9,19 +9,59 @@
 
 namespace orbitune {
 
-Api::Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains)
+namespace {
+
+// The text of a field, if the message has it.
+std::string TextOf(const google::protobuf::Message& message, const char* name) {
+  const auto* field = message.GetDescriptor()->FindFieldByName(name);
+  const bool is_text = field != nullptr && field->type() == google::protobuf::FieldDescriptor::TYPE_STRING;
+  return is_text && !field->is_repeated() ? message.GetReflection()->GetString(message, field) : "";
+}
+
+bool OnlyValidates(const google::protobuf::Message& request) {
+  const auto* field = request.GetDescriptor()->FindFieldByName("validate_only");
+  return field != nullptr && request.GetReflection()->GetBool(request, field);
+}
+
+// What a call is about: what its request names, else what it has made.
+std::string ResourceOf(const google::protobuf::Message& request, const google::protobuf::Message& response) {
+  for (const std::string& name : {TextOf(request, "name"), TextOf(request, "parent"), TextOf(response, "name")}) {
+    if (!name.empty()) return name;
+  }
+  return "";
+}
+
+}  // namespace
+
+Api::Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains, Access* access)
     : use_cases_(use_cases),
       campaign_use_cases_(campaigns),
+      access_(access),
       tuning_({use_cases, executors_, messages_, feeds_}),
       campaigns_({campaigns, executors_, feeds_}),
       gains_(gains),
       scenarios_(use_cases),
-      simulation_(use_cases) {
+      simulation_(use_cases),
+      access_api_(access) {
   tuning_.AddTo(methods_);
   campaigns_.AddTo(methods_);
   gains_.AddTo(methods_);
   scenarios_.AddTo(methods_);
   simulation_.AddTo(methods_);
+  access_api_.AddTo(methods_);
+  if (access_ == nullptr) return;
+  access_->OnTokenEnd([this](const std::string& token_id) {
+    feeds_.EndThoseOf(token_id, absl::UnauthenticatedError("the token is valid no more"));
+  });
+}
+
+Api::~Api() {
+  if (access_ != nullptr) access_->OnTokenEnd(nullptr);
+}
+
+absl::StatusOr<Caller> Api::Authenticate(const Credentials& credentials, std::string_view method) {
+  if (access_ == nullptr) return LocalCaller(credentials.peer);
+  return access_->Authenticate(credentials, method);
 }
 
 std::vector<std::string> Api::ServiceNames() const {
@@ -32,10 +72,13 @@ std::vector<std::string> Api::ServiceNames() const {
 
 absl::Status Api::CheckRole(const Method& method, const Caller& caller) {
   if (caller.role >= method.access.role) return absl::OkStatus();
-  return WithReason(absl::PermissionDeniedError(
-                        absl::StrCat(method.descriptor->name(), ": needs the role ", ToAbsl(NameOf(method.access.role)),
-                                     ", ", FormatReceived(caller.name), " is ", ToAbsl(NameOf(caller.role)))),
-                    "ROLE_REQUIRED");
+  absl::Status refusal =
+      WithReason(absl::PermissionDeniedError(
+                     absl::StrCat(method.descriptor->name(), ": needs the role ", ToAbsl(NameOf(method.access.role)),
+                                  ", ", FormatReceived(caller.name), " is ", ToAbsl(NameOf(caller.role)))),
+                 "ROLE_REQUIRED");
+  if (access_ != nullptr) access_->AuditRefusal(caller, method.descriptor->full_name(), "", refusal);
+  return refusal;
 }
 
 // What there is not is said to all: names are no secret, and every role may read.
@@ -67,9 +110,25 @@ absl::Status Api::CheckOwner(const Method& method, const Caller& caller,
 
 absl::Status Api::Answer(const Method& method, const CallContext& context, const google::protobuf::Message& request,
                          google::protobuf::Message* response) {
-  absl::Status status = CheckRole(method, context.caller);
+  if (absl::Status status = CheckRole(method, context.caller); !status.ok()) return status;
+  const bool changes = method.access.role >= Role::kOperator && !OnlyValidates(request);
+  return changes && access_ != nullptr ? Change(method, context, request, response)
+                                       : method.answer(request, response, context);
+}
+
+// The change is committed first, its entry in the audit log next, and then it is answered.
+absl::Status Api::Change(const Method& method, const CallContext& context, const google::protobuf::Message& request,
+                         google::protobuf::Message* response) {
+  const std::string& name = method.descriptor->full_name();
+  absl::Status status = access_->AuditReady();
   if (status.ok()) status = CheckOwner(method, context.caller, request);
   if (status.ok()) status = method.answer(request, response, context);
+  const std::string resource = ResourceOf(request, *response);
+  if (status.ok()) {
+    access_->Audit(context.caller, name, resource);
+  } else {
+    access_->AuditRefusal(context.caller, name, resource, status);
+  }
   return status;
 }
 
@@ -84,8 +143,12 @@ void Api::Call(const Method& method, CallContext context, const google::protobuf
 
 std::shared_ptr<Feed> Api::Open(const Method& method, const CallContext& context,
                                 const google::protobuf::Message& request) {
-  absl::Status status = CheckRole(method, context.caller);
-  return status.ok() ? method.open(request, context) : EndedFeed(std::move(status));
+  if (absl::Status status = CheckRole(method, context.caller); !status.ok()) return EndedFeed(std::move(status));
+  auto feed = method.open(request, context);
+  if (context.caller.token_id.empty() || access_ == nullptr) return feed;
+  feeds_.SetTokenOf(feed.get(), context.caller.token_id);
+  if (!access_->StillValid(context.caller)) feed->End(absl::UnauthenticatedError("the token is valid no more"));
+  return feed;
 }
 
 }  // namespace orbitune

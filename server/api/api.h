@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "server/access/access.h"
+#include "server/api/access_api.h"
 #include "server/api/campaigns.h"
 #include "server/api/gains.h"
 #include "server/api/scenarios.h"
@@ -19,29 +21,38 @@ inline constexpr int kLargestRequestBytes = 16 << 20;
 // Thread-safe. Outlives the transports.
 class Api {
  public:
-  // Both outlive this.
-  Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains);
+  // All outlive this. access: nullptr: everybody is a local admin, and no audit log is kept.
+  Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains, Access* access = nullptr);
+  ~Api();
 
   const MethodTable& methods() const { return methods_; }
 
   // Full names of the services that have methods.
   std::vector<std::string> ServiceNames() const;
 
+  // Who calls `method`; errors as Access::Authenticate's.
+  absl::StatusOr<Caller> Authenticate(const Credentials& credentials, std::string_view method);
+
+  // nullptr: none.
+  Access* access() { return access_; }
+
   // Answers a unary method on the threads meant for it, and calls `done` there; or calls it at once, with
   // RESOURCE_EXHAUSTED, where too many calls wait. request, response: live until then.
   void Call(const Method& method, CallContext context, const google::protobuf::Message& request,
             google::protobuf::Message* response, std::function<void(absl::Status)> done);
 
-  // Answers a unary method here; may block. PERMISSION_DENIED where the method's rule keeps the caller out.
+  // Answers a unary method here; may block. PERMISSION_DENIED where the method's rule keeps the caller out. What is
+  // changed is in the audit log before it is answered.
   absl::Status Answer(const Method& method, const CallContext& context, const google::protobuf::Message& request,
                       google::protobuf::Message* response);
 
-  // A stream; one that ends at once with PERMISSION_DENIED where the method's rule keeps the caller out.
+  // A stream; one that ends at once with PERMISSION_DENIED where the method's rule keeps the caller out. It ends with
+  // UNAUTHENTICATED when the caller's token does.
   std::shared_ptr<Feed> Open(const Method& method, const CallContext& context,
                              const google::protobuf::Message& request);
 
-  // Whether the caller's role lets it call the method at all, whatever the request.
-  static absl::Status CheckRole(const Method& method, const Caller& caller);
+  // Whether the caller's role lets it call the method at all, whatever the request. A refusal is noted.
+  absl::Status CheckRole(const Method& method, const Caller& caller);
 
   // For what a transport has to do that may block.
   Executors& executors() { return executors_; }
@@ -50,10 +61,13 @@ class Api {
   void Drain() { feeds_.Drain(); }
 
  private:
+  absl::Status Change(const Method& method, const CallContext& context, const google::protobuf::Message& request,
+                      google::protobuf::Message* response);
   absl::Status CheckOwner(const Method& method, const Caller& caller, const google::protobuf::Message& request) const;
 
   UseCases& use_cases_;
   CampaignUseCases& campaign_use_cases_;
+  Access* const access_;
   Feeds feeds_;
   JobEventMessages messages_;
   TuningApi tuning_;
@@ -61,6 +75,7 @@ class Api {
   GainApi gains_;
   ScenarioApi scenarios_;
   SimulationApi simulation_;
+  AccessApi access_api_;
   MethodTable methods_;
   Executors executors_;  // the last: ends before what its tasks use
 };

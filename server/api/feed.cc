@@ -1,5 +1,9 @@
 #include "server/api/feed.h"
 
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status.h"
 #include "server/api/json.h"
 
 namespace orbitune {
@@ -10,7 +14,7 @@ absl::Status GoingDown() { return absl::UnavailableError("the server is going do
 class Ended final : public Feed {
  public:
   explicit Ended(absl::Status status) : status_(std::move(status)) {}
-  void Next(std::size_t, Taken taken) override { taken({.items = {}, .end = status_}); }
+  void Next(std::size_t, Taken taken) override { taken({.parts = {}, .end = status_}); }
   void End(const absl::Status&) override {}
 
  private:
@@ -19,18 +23,53 @@ class Ended final : public Feed {
 
 }  // namespace
 
-std::shared_ptr<Feed> EndedFeed(absl::Status status) { return std::make_shared<Ended>(std::move(status)); }
-
-const std::string& StreamMessage::json() const {
-  std::call_once(once_, [this] { json_ = ToJson(*message_); });
-  return json_;
+std::string_view StreamRun::Events(std::size_t begin, std::size_t end) const {
+  std::call_once(once_, [this] { Write(); });
+  const std::size_t from = begin == 0 ? 0 : places_[begin - 1].end;
+  return std::string_view(text_).substr(from, places_[end - 1].end - from);
 }
+
+std::string_view StreamRun::Line(std::size_t item) const {
+  std::call_once(once_, [this] { Write(); });
+  return std::string_view(text_).substr(places_[item].json, places_[item].end - 1 - places_[item].json);
+}
+
+void StreamRun::Write() const {
+  for (const FeedItem& item : items_) {
+    absl::StrAppend(&text_, "id: ", item->about.resume_after_seq, "\nevent: ", ToAbsl(item->about.kind), "\ndata: ");
+    const std::size_t json = text_.size();
+    absl::StrAppend(&text_, ToJson(*item->message), "\n\n");
+    places_.push_back({.json = json, .end = text_.size()});
+  }
+  text_.shrink_to_fit();
+}
+
+StreamPart PartOf(StreamMessage message) {
+  std::vector<FeedItem> items;
+  items.push_back(std::make_shared<const StreamMessage>(std::move(message)));
+  return {.run = std::make_shared<const StreamRun>(std::move(items)), .begin = 0, .end = 1};
+}
+
+std::vector<StreamPart> TakeFront(std::deque<StreamPart>& parts, std::size_t limit) {
+  std::vector<StreamPart> taken;
+  while (limit > 0 && !parts.empty()) {
+    StreamPart& front = parts.front();
+    const std::size_t count = std::min(limit, front.size());
+    limit -= count;
+    taken.push_back({.run = front.run, .begin = front.begin, .end = front.begin + count});
+    front.begin += count;
+    if (front.size() == 0) parts.pop_front();
+  }
+  return taken;
+}
+
+std::shared_ptr<Feed> EndedFeed(absl::Status status) { return std::make_shared<Ended>(std::move(status)); }
 
 void Feeds::Add(const std::shared_ptr<Feed>& feed) {
   {
     const std::lock_guard lock(mutex_);
     if (!drained_) {
-      feeds_.emplace(feed.get(), feed);
+      feeds_.emplace(feed.get(), Open{feed, ""});
       return;
     }
   }
@@ -42,14 +81,36 @@ void Feeds::Remove(const Feed* feed) {
   feeds_.erase(feed);
 }
 
+void Feeds::SetTokenOf(const Feed* feed, const std::string& token_id) {
+  const std::lock_guard lock(mutex_);
+  const auto found = feeds_.find(feed);
+  if (found != feeds_.end()) found->second.token_id = token_id;
+}
+
+std::vector<std::shared_ptr<Feed>> Feeds::Those(const std::string* token_id) const {
+  std::vector<std::shared_ptr<Feed>> those;
+  for (const auto& [address, open] : feeds_) {
+    if (token_id != nullptr && open.token_id != *token_id) continue;
+    if (auto held = open.feed.lock()) those.push_back(std::move(held));
+  }
+  return those;
+}
+
+void Feeds::EndThoseOf(const std::string& token_id, const absl::Status& status) {
+  std::vector<std::shared_ptr<Feed>> feeds;
+  {
+    const std::lock_guard lock(mutex_);
+    feeds = Those(&token_id);
+  }
+  for (const auto& feed : feeds) feed->End(status);
+}
+
 void Feeds::Drain() {
   std::vector<std::shared_ptr<Feed>> feeds;
   {
     const std::lock_guard lock(mutex_);
     drained_ = true;
-    for (const auto& [address, feed] : feeds_) {
-      if (auto held = feed.lock()) feeds.push_back(std::move(held));
-    }
+    feeds = Those(nullptr);
   }
   for (const auto& feed : feeds) feed->End(GoingDown());
 }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
@@ -17,37 +18,67 @@
 
 namespace orbitune {
 
-// A message for however many watchers, and its JSON, made once when it is first asked for. Thread-safe.
-class StreamMessage {
- public:
+// A message for however many watchers.
+struct StreamMessage {
   struct About {
     std::int64_t resume_after_seq = 0;  // a stream asked for with it goes on behind this message
     std::string_view kind;              // which event it is: "snapshot", "iteration", ... (a literal)
     bool last = false;                  // nothing will follow it
   };
-
-  StreamMessage(About about, std::unique_ptr<const google::protobuf::Message> message)
-      : about_(about), message_(std::move(message)) {}
-
-  const About& about() const { return about_; }
-  const google::protobuf::Message& message() const { return *message_; }
-  const std::string& json() const;  // one line, without its end
-
- private:
-  const About about_;
-  const std::unique_ptr<const google::protobuf::Message> message_;
-  mutable std::once_flag once_;
-  mutable std::string json_;
+  About about;
+  std::unique_ptr<const google::protobuf::Message> message;
 };
 
 using FeedItem = std::shared_ptr<const StreamMessage>;
+
+// Messages that follow one another, and their text, made once when it is first asked for. Thread-safe.
+class StreamRun {
+ public:
+  explicit StreamRun(std::vector<FeedItem> items) : items_(std::move(items)) {}
+
+  const std::vector<FeedItem>& items() const { return items_; }
+
+  // Of items [begin, end), as text/event-stream has them.
+  std::string_view Events(std::size_t begin, std::size_t end) const;
+  // The JSON of one, as a line.
+  std::string_view Line(std::size_t item) const;
+
+ private:
+  struct Place {
+    std::size_t json = 0;
+    std::size_t end = 0;
+  };
+
+  void Write() const;
+
+  const std::vector<FeedItem> items_;
+  mutable std::once_flag once_;
+  mutable std::string text_;
+  mutable std::vector<Place> places_;
+};
+
+// Items [begin, end) of a run: watchers that are at the same place share it.
+struct StreamPart {
+  std::shared_ptr<const StreamRun> run;
+  std::size_t begin = 0;
+  std::size_t end = 0;
+
+  std::size_t size() const { return end - begin; }
+  const FeedItem& front() const { return run->items()[begin]; }
+  const FeedItem& back() const { return run->items()[end - 1]; }
+};
+
+StreamPart PartOf(StreamMessage message);
+
+// Takes the first `limit` items, or what there is, from the parts.
+std::vector<StreamPart> TakeFront(std::deque<StreamPart>& parts, std::size_t limit);
 
 // Thread-safe. Held by its transport; ends with it.
 class Feed : public std::enable_shared_from_this<Feed> {
  public:
   // Either items, at least one, or the stream's end.
   struct Batch {
-    std::vector<FeedItem> items;
+    std::vector<StreamPart> parts;
     std::optional<absl::Status> end;
   };
   using Taken = std::function<void(Batch)>;
@@ -72,13 +103,24 @@ class Feeds {
   void Add(const std::shared_ptr<Feed>& feed);
   void Remove(const Feed* feed);
 
+  // Whose token opened it, so that it can end with that.
+  void SetTokenOf(const Feed* feed, const std::string& token_id);
+  void EndThoseOf(const std::string& token_id, const absl::Status& status);
+
   // Ends every feed with UNAVAILABLE, and every later one at once.
   void Drain();
 
  private:
+  struct Open {
+    std::weak_ptr<Feed> feed;
+    std::string token_id;
+  };
+
+  std::vector<std::shared_ptr<Feed>> Those(const std::string* token_id) const;  // under mutex_; nullptr: all
+
   std::mutex mutex_;
   // Guarded by mutex_.
-  std::map<const Feed*, std::weak_ptr<Feed>> feeds_;
+  std::map<const Feed*, Open> feeds_;
   bool drained_ = false;
 };
 

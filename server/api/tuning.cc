@@ -72,9 +72,13 @@ absl::Status TuningApi::ListIterations(const v1::ListIterationsRequest& request,
   if (request.max_points() != 0 && (request.page_size() != 0 || !request.page_token().empty())) {
     return InvalidField("max_points", "0 where page_size or page_token is set", request.max_points());
   }
-  const auto page = request.max_points() != 0
-                        ? use_cases_.SampleIterations(*id, request.max_points())
-                        : use_cases_.ListIterations(*id, request.page_size(), request.page_token());
+  if (request.max_points() == 0 && (request.first_iteration() != 0 || request.last_iteration() != 0)) {
+    return InvalidField("max_points", "in [16, 10000] where first_iteration or last_iteration is set", 0);
+  }
+  const auto page =
+      request.max_points() != 0
+          ? use_cases_.SampleIterations(*id, request.max_points(), request.first_iteration(), request.last_iteration())
+          : use_cases_.ListIterations(*id, request.page_size(), request.page_token());
   return AnswerPage(page, out, [out] { return out->add_iterations(); });
 }
 

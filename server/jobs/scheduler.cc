@@ -7,8 +7,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
+#include "core/library/history_digest.h"
 #include "core/search/ensemble_search.h"
 #include "core/simd/batch_simulator.h"
+#include "core/simd/engine.h"
 #include "core/simd/lane_kernel.h"
 #include "server/jobs/gain_sets.h"
 #include "server/jobs/report.h"
@@ -55,7 +57,7 @@ absl::Status WrongState(const std::string& id, JobState state, std::string_view 
 struct Scheduler::BatchOutcome {
   struct Iteration {
     IterationRecord record;
-    std::vector<double> checkpoint;
+    Continuation continuation;
   };
   std::vector<Iteration> iterations;
   absl::Status status;
@@ -73,6 +75,9 @@ struct Scheduler::Run {
   // To be called once, first.
   absl::Status Start(const JobRecord& record) {
     search.emplace(record.spec.scenario.search, record.spec.objective, prepared.size());
+    digest = record.provenance->digest;
+    const std::vector<EngineStretch>& engines = record.provenance->engines;
+    if (engines.empty() || engines.back().engine != CurrentEngine()) new_engine = CurrentEngine();
     if (!record.latest) return absl::OkStatus();
     replayed = record.latest;
     return search->Resume(*record.latest, record.checkpoint);
@@ -81,6 +86,8 @@ struct Scheduler::Run {
   const std::vector<PreparedScenario> prepared;
   std::optional<EnsembleSearch> search;     // none in the report
   std::optional<IterationRecord> replayed;  // the first iteration must come out as this stored one
+  Digest digest{};                          // of the newest iteration that is complete
+  std::optional<Engine> new_engine;         // to be stored with the next one
   std::vector<Gains> report_gains;
 
   // The batch: the search's episodes but the first `put_off`, then those of `late`.
@@ -120,6 +127,17 @@ struct Scheduler::Run {
 
   // After a batch of the search.
   BatchOutcome FinishSearchBatch() {
+    BatchOutcome outcome = LearnFromBatch();
+    for (BatchOutcome::Iteration& f : outcome.iterations) {
+      // The digest has the replayed one already.
+      if (replayed && f.record.iteration == replayed->iteration) continue;
+      digest = f.continuation.digest = ExtendHistory(digest, f.record);
+      f.continuation.engine = std::exchange(new_engine, std::nullopt);
+    }
+    return outcome;
+  }
+
+  BatchOutcome LearnFromBatch() {
     BatchOutcome outcome;
     for (std::size_t i = 0; i < late.size(); ++i) SetEpisode(results[searched + i], late[i].record);
     outcome.iterations = std::exchange(late, {});
@@ -141,7 +159,7 @@ struct Scheduler::Run {
       outcome.status = record.status();
       return outcome;
     }
-    (put_off > 0 ? incomplete : outcome.iterations).push_back({*record, std::move(checkpoint)});
+    (put_off > 0 ? incomplete : outcome.iterations).push_back({*record, {.checkpoint = std::move(checkpoint)}});
     return outcome;
   }
 
@@ -175,7 +193,7 @@ struct Scheduler::Run {
 };
 
 struct Scheduler::Entry {
-  explicit Entry(JobRecord r) : record(std::move(r)) {}
+  explicit Entry(JobRecord r) : record(std::move(r)) { ORBITUNE_CHECK(record.provenance.has_value()); }
 
   JobRecord record;  // as of the newest event queued at the store
   std::shared_ptr<Run> run;
@@ -392,7 +410,7 @@ void Scheduler::FinishIterations(Entry& entry, Run& run, BatchOutcome outcome) {
   };
   for (BatchOutcome::Iteration& f : outcome.iterations) {
     if (!run.replayed) {
-      Append(entry, std::move(f.record), std::move(f.checkpoint));
+      Append(entry, std::move(f.record), std::move(f.continuation));
       continue;
     }
     if (!Identical(*run.replayed, f.record)) {
@@ -411,14 +429,16 @@ void Scheduler::FinishIterations(Entry& entry, Run& run, BatchOutcome outcome) {
 }
 
 // mutex_ held.
-void Scheduler::Append(Entry& entry, IterationRecord record, std::vector<double> checkpoint) {
+void Scheduler::Append(Entry& entry, IterationRecord record, Continuation continuation) {
   JobRecord& job = entry.record;
   const EntryPtr self = entries_.at(job.id);
   const std::int64_t seq = ++job.last_seq;
   if (!job.first) job.first = record;
   if (!job.best || Better(record, *job.best)) job.best = record;
   job.latest = record;
-  job.checkpoint = checkpoint;
+  job.checkpoint = continuation.checkpoint;
+  job.provenance->digest = continuation.digest;
+  if (continuation.engine) job.provenance->engines.push_back({record.iteration, *continuation.engine});
   entry.pairs_left_out += record.pairs_left_out;
   ++entry.uncommitted;
   const auto done = [this, self, id = job.id, seq, record](const absl::Status& s) {
@@ -429,7 +449,7 @@ void Scheduler::Append(Entry& entry, IterationRecord record, std::vector<double>
     }
     Committed(self);
   };
-  store_.AppendIteration(job.id, seq, record, std::move(checkpoint), done);
+  store_.AppendIteration(job.id, seq, record, std::move(continuation), done);
 }
 
 // mutex_ held.

@@ -82,7 +82,7 @@ class Scheduler {
   bool NextChunk(Chunk& chunk);
   void FinishBatch(const Chunk& last, Lock& lock);
   void FinishIterations(Entry& entry, Run& run, BatchOutcome outcome);
-  void Append(Entry& entry, IterationRecord record, std::vector<double> checkpoint);
+  void Append(Entry& entry, IterationRecord record, Continuation continuation);
   void FinishReport(Entry& entry, Run& run);
   void StartWaiting();
   void Begin(Entry& entry);

@@ -210,9 +210,4 @@ void Gateway::Send(const Exchange& exchange, Reply reply) const {
   exchange.done(std::move(reply));
 }
 
-void AppendSse(const StreamMessage& message, std::string& out) {
-  absl::StrAppend(&out, "id: ", message.about().resume_after_seq, "\nevent: ", ToAbsl(message.about().kind),
-                  "\ndata: ", message.json(), "\n\n");
-}
-
 }  // namespace orbitune::rest

@@ -70,7 +70,4 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
   std::atomic<bool> serving_ = true;
 };
 
-// One event as text/event-stream has it; json: one line.
-void AppendSse(const StreamMessage& message, std::string& out);
-
 }  // namespace orbitune::rest

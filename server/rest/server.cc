@@ -54,6 +54,11 @@ constexpr std::chrono::microseconds kPacePerStream{400};
 constexpr std::chrono::microseconds kSlowestPace{200'000};
 constexpr int kStreamSendBuffer = 256 << 10;  // what the system holds for a reader, likewise
 
+constexpr std::string_view kRetry = "retry: 1000\n\n";
+constexpr std::string_view kHeartbeat = ": heartbeat\n\n";
+constexpr std::string_view kChunkEnd = "\r\n";
+constexpr std::string_view kLastChunk = "0\r\n\r\n";
+
 class Connection;
 
 // What connections share. Tasks of the API's executors hold on to it, so that they can outlive the server.
@@ -63,6 +68,23 @@ struct Core : std::enable_shared_from_this<Core> {
   void Log(const std::string& line) const {
     if (options.log) return options.log(line);
     std::fprintf(stderr, "orbituned: http: %s\n", line.c_str());
+  }
+
+  // Asks on a thread for streams, together with all who wait by then: watchers of one job that ask together get the
+  // same pieces of text, and one task does it for all of them. The more there are, the rarer the turns.
+  using Ask = std::function<void(const std::shared_ptr<Core>&)>;
+  void AskAtNextTurn(Ask ask) {
+    waiting.push_back(std::move(ask));
+    if (waiting.size() > 1) return;
+    const Clock::duration pace = std::min<Clock::duration>(std::max(streams, 1) * kPacePerStream, kSlowestPace);
+    const Clock::duration now = Clock::now().time_since_epoch();
+    turn.expires_at(Clock::time_point(now - now % pace + pace));
+    turn.async_wait([this](error_code) { PostAsks(std::exchange(waiting, {})); });
+  }
+  void PostAsks(std::vector<Ask> asks) {
+    api.executors().For(Work::kStream).Post([core = shared_from_this(), asks = std::move(asks)] {
+      for (const Ask& ask : asks) ask(core);
+    });
   }
 
   const HttpOptions options;
@@ -76,6 +98,8 @@ struct Core : std::enable_shared_from_this<Core> {
   char ignored[16 << 10];
   net::io_context io{1};  // the last: destroys the coroutines that are left, which use the rest
   net::steady_timer grace{io};
+  net::steady_timer turn{io};
+  std::vector<Ask> waiting;  // for the next turn
 };
 
 // Where another thread leaves what a coroutine waits for.
@@ -108,27 +132,41 @@ class Slot : public std::enable_shared_from_this<Slot<T>> {
   std::optional<T> value_;
 };
 
-// A batch of a feed, as text.
+// A batch of a feed, as text: pieces of the runs' own, which watchers share, or one made here.
 struct Chunk {
-  std::string text;
+  std::vector<net::const_buffer> text;
+  std::vector<StreamPart> parts;  // hold what `text` points into
+  std::shared_ptr<const std::string> own;
   bool full = false;          // there may be more at once
   bool nothing_more = false;  // the first message is the last
   std::optional<absl::Status> end;
 };
 
-Chunk ToChunk(const Feed::Batch& batch, bool sse) {
-  Chunk chunk{.text = {}, .full = batch.items.size() == kBatch, .nothing_more = false, .end = batch.end};
-  if (!batch.items.empty()) chunk.nothing_more = batch.items.front()->about().last;
-  for (const FeedItem& item : batch.items) {
+void Put(std::string own, Chunk& chunk) {
+  chunk.own = std::make_shared<const std::string>(std::move(own));
+  chunk.text = {net::buffer(*chunk.own)};
+}
+
+Chunk ToChunk(Feed::Batch batch, bool sse) {
+  Chunk chunk;
+  chunk.parts = std::move(batch.parts);
+  chunk.end = batch.end;
+  chunk.nothing_more = !chunk.parts.empty() && chunk.parts.front().front()->about.last;
+  std::size_t count = 0;
+  std::string lines;
+  for (const StreamPart& part : chunk.parts) {
+    count += part.size();
     if (sse) {
-      rest::AppendSse(*item, chunk.text);
+      chunk.text.push_back(net::buffer(part.run->Events(part.begin, part.end)));
     } else {
-      absl::StrAppend(&chunk.text, item->json(), "\n");
+      for (std::size_t i = part.begin; i < part.end; ++i) absl::StrAppend(&lines, ToAbsl(part.run->Line(i)), "\n");
     }
   }
+  chunk.full = count == kBatch;
+  if (!lines.empty()) Put(std::move(lines), chunk);
   if (batch.end && !batch.end->ok()) {
     const std::string error = rest::ErrorJson(*batch.end);
-    chunk.text = sse ? absl::StrCat("event: error\ndata: ", error, "\n\n") : error + "\n";
+    Put(sse ? absl::StrCat("event: error\ndata: ", error, "\n\n") : error + "\n", chunk);
   }
   return chunk;
 }
@@ -228,29 +266,46 @@ class Connection : public std::enable_shared_from_this<Connection> {
       if (error) co_return http::error::end_of_stream;
       buffer_.commit(count);
     }
-    stream_.expires_after(core_.options.header_time);
-    const auto [error, count] = co_await http::async_read_header(stream_, buffer_, parser, kAwait);
+    const error_code error =
+        co_await ReadWithin(core_.options.header_time, parser, [&] { return parser.is_header_done(); });
     if (error) co_return error;
     co_return co_await ReadBody(parser);
   }
 
   net::awaitable<error_code> ReadBody(Parser& parser) {
-    stream_.expires_after(core_.options.body_time);
     if (!parser.is_done() && beast::iequals(parser.get()[http::field::expect], "100-continue")) {
       static constexpr std::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
+      stream_.expires_after(core_.options.body_time);
       const auto [error, count] = co_await net::async_write(stream_, net::buffer(kContinue), kAwait);
       if (error) co_return error;
     }
-    while (!parser.is_done()) {
+    const error_code error = co_await ReadWithin(core_.options.body_time, parser, [&] { return parser.is_done(); });
+    if (!error && buffer_.size() == 0) buffer_.shrink_to_fit();
+    co_return error;
+  }
+
+  // Reads until `done`; timed_out where that takes too long. A stream's own time limit closes it: here another timer
+  // ends the read, so that the reason can still be told.
+  net::awaitable<error_code> ReadWithin(std::chrono::milliseconds time, Parser& parser, std::function<bool()> done) {
+    const auto late = std::make_shared<bool>(false);
+    net::steady_timer timer(core_.io, time);
+    timer.async_wait([late, self = shared_from_this()](error_code error) {
+      if (error || late.use_count() == 1) return;  // all was read
+      *late = true;
+      self->stream_.socket().cancel(error);
+    });
+    stream_.expires_never();
+    while (!done()) {
       const auto [error, count] = co_await http::async_read_some(stream_, buffer_, parser, kAwait);
+      if (*late) co_return net::error::make_error_code(net::error::timed_out);
       if (error) co_return error;
       const std::size_t size = parser.get().body().size();  // what is only announced is not touched, and costs nothing
       core_.body_bytes += size - body_bytes_;
       body_bytes_ = size;
-      if (core_.body_bytes > core_.options.max_bodies_bytes)
+      if (core_.body_bytes > core_.options.max_bodies_bytes) {
         co_return net::error::make_error_code(net::error::no_buffer_space);
+      }
     }
-    if (buffer_.size() == 0) buffer_.shrink_to_fit();
     co_return error_code();
   }
 
@@ -283,6 +338,11 @@ class Connection : public std::enable_shared_from_this<Connection> {
     } else if (error == http::error::body_limit) {
       const std::string text = absl::StrCat("the body: must be at most ", limits.max_body_bytes, " bytes");
       answer(absl::InvalidArgumentError(text), 413);
+    } else if (error == net::error::timed_out) {
+      answer(absl::DeadlineExceededError(absl::StrCat("the request: its head must be there within ",
+                                                      limits.header_time.count(), " ms, its body within ",
+                                                      limits.body_time.count(), " ms")),
+             408);
     } else if (error == net::error::no_buffer_space) {
       answer(absl::UnavailableError("too many large requests at once"), 503);
     } else if (error.category() == http::make_error_code(http::error::bad_method).category() &&
@@ -342,7 +402,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
                   .chunked = version >= 11,
                   .slot = std::make_shared<Slot<Chunk>>(core_.io),
                   .peer = Peer()};
-    AskFeed(stream);
+    core_.PostAsks({AskOf(stream)});
     co_await stream.slot->WaitUntil(Clock::time_point::max());
     Chunk first = stream.slot->Take();
     if (first.end) {
@@ -369,12 +429,10 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   // The feed may read the store and makes JSON: on a thread for that.
-  void AskFeed(const Stream& stream) {
-    core_.api.executors()
-        .For(Work::kStream)
-        .Post([core = core_.shared_from_this(), feed = stream.feed, slot = stream.slot, sse = stream.sse] {
-          feed->Next(kBatch, [core, slot, sse](const Feed::Batch& batch) { slot->Put(core, ToChunk(batch, sse)); });
-        });
+  static Core::Ask AskOf(const Stream& stream) {
+    return [feed = stream.feed, slot = stream.slot, sse = stream.sse](const std::shared_ptr<Core>& core) {
+      feed->Next(kBatch, [core, slot, sse](Feed::Batch batch) { slot->Put(core, ToChunk(std::move(batch), sse)); });
+    };
   }
 
   net::awaitable<bool> WriteStreamHead(const Stream& stream, const StreamReply& reply, unsigned version) {
@@ -391,47 +449,40 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   net::awaitable<void> Pump(Stream& stream, Chunk chunk, const std::string& target) {
-    if (stream.sse) chunk.text.insert(0, "retry: 1000\n\n");
+    if (stream.sse) chunk.text.insert(chunk.text.begin(), net::buffer(kRetry));
     while (true) {
-      const Clock::time_point next = Clock::now() + Pace();
       const bool alive = co_await WriteChunk(stream, chunk.text, target);
       if (!alive) co_return;
       if (chunk.end) break;
-      if (!chunk.full) co_await SleepUntil(next);
-      AskFeed(stream);
+      if (chunk.full) {
+        core_.PostAsks({AskOf(stream)});
+      } else {
+        core_.AskAtNextTurn(AskOf(stream));
+      }
       while (true) {
         const bool filled = co_await stream.slot->WaitUntil(Clock::now() + core_.options.heartbeat);
         if (filled) break;
-        const bool there = !stream.sse || co_await WriteChunk(stream, ": heartbeat\n\n", target);
+        const std::vector<net::const_buffer> heartbeat{net::buffer(kHeartbeat)};
+        const bool there = !stream.sse || co_await WriteChunk(stream, heartbeat, target);
         if (!there) co_return;
       }
       chunk = stream.slot->Take();
     }
-    if (!stream.chunked) co_return;
-    static constexpr std::string_view kLastChunk = "0\r\n\r\n";
-    co_await net::async_write(stream_, net::buffer(kLastChunk), kAwait);
-  }
-
-  std::chrono::microseconds Pace() const { return std::min(core_.streams * kPacePerStream, kSlowestPace); }
-
-  net::awaitable<void> SleepUntil(Clock::time_point time) {
-    net::steady_timer timer(core_.io, time);
-    co_await timer.async_wait(kAwait);
+    if (stream.chunked) co_await net::async_write(stream_, net::buffer(kLastChunk), kAwait);
   }
 
   // False if the connection is to be closed.
-  net::awaitable<bool> WriteChunk(const Stream& stream, std::string_view text, const std::string& target) {
+  net::awaitable<bool> WriteChunk(const Stream& stream, std::vector<net::const_buffer> text,
+                                  const std::string& target) {
     if (text.empty()) co_return true;
-    stream_.expires_after(core_.options.stall_time);
-    error_code error;
+    std::string size;
     if (stream.chunked) {
-      const auto [e, count] =
-          co_await net::async_write(stream_, http::make_chunk(net::buffer(text.data(), text.size())), kAwait);
-      error = e;
-    } else {
-      const auto [e, count] = co_await net::async_write(stream_, net::buffer(text.data(), text.size()), kAwait);
-      error = e;
+      size = absl::StrCat(absl::Hex(net::buffer_size(text)), "\r\n");
+      text.insert(text.begin(), net::buffer(size));
+      text.push_back(net::buffer(kChunkEnd));
     }
+    stream_.expires_after(core_.options.stall_time);
+    const auto [error, count] = co_await net::async_write(stream_, text, kAwait);
     if (error == beast::error::timeout) {
       core_.Log(absl::StrCat("cut off ", stream.peer, " at ", target, ": it did not take what it asked for within ",
                              core_.options.stall_time.count(), " ms"));

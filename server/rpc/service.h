@@ -46,7 +46,10 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
     if (sent_ < items_.size()) return Write();
     feed_->Next(kTogether, [this](Feed::Batch batch) {
       if (batch.end) return this->Finish(ToGrpc(*batch.end));
-      items_ = std::move(batch.items);
+      items_.clear();
+      for (const StreamPart& part : batch.parts) {
+        items_.insert(items_.end(), &part.front(), &part.front() + part.size());
+      }
       sent_ = 0;
       Write();
     });
@@ -55,7 +58,7 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
   void Write() {
     grpc::WriteOptions options;
     if (sent_ + 1 < items_.size()) options.set_buffer_hint();
-    this->StartWrite(static_cast<const Response*>(&items_[sent_++]->message()), options);
+    this->StartWrite(static_cast<const Response*>(&items_[sent_++]->message.get()), options);
   }
 
   const std::shared_ptr<Feed> feed_;

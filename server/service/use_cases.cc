@@ -373,11 +373,18 @@ absl::StatusOr<Page<IterationRecord>> UseCases::ListIterations(const std::string
   return page;
 }
 
-absl::StatusOr<Page<IterationRecord>> UseCases::SampleIterations(const std::string& id, int max_points) {
+absl::StatusOr<Page<IterationRecord>> UseCases::SampleIterations(const std::string& id, int max_points, int first,
+                                                                 int last) {
   if (max_points < 16 || max_points > 10'000) {
     return InvalidField("max_points", "0 or in [16, 10000]", max_points);
   }
-  auto records = store_.SampleIterations(id, max_points);
+  if (first < 0) return InvalidField("first_iteration", "0 (from the first) or at least 1", first);
+  if (last != 0 && last < first) {
+    return InvalidField("last_iteration", "0 (to the newest) or at least first_iteration", last);
+  }
+  IterationRange range{.first = std::max(first, 1)};
+  if (last != 0) range.last = last;
+  auto records = store_.SampleIterations(id, range, max_points);
   if (!records.ok()) return records.status();
   return Page<IterationRecord>{.items = *std::move(records)};
 }

@@ -113,8 +113,10 @@ class UseCases {
   absl::Status DeleteJob(const std::string& id, const std::string& etag);
   absl::StatusOr<Page<IterationRecord>> ListIterations(const std::string& id, int page_size,
                                                        const std::string& page_token);
-  // At most `max_points` of all iterations, as JobStore::SampleIterations picks them; max_points in [16, 10000].
-  absl::StatusOr<Page<IterationRecord>> SampleIterations(const std::string& id, int max_points);
+  // At most `max_points` of the iterations from `first` (0: the first) to `last` (0: the newest), as
+  // JobStore::SampleIterations picks them; max_points in [16, 10000].
+  absl::StatusOr<Page<IterationRecord>> SampleIterations(const std::string& id, int max_points, int first = 0,
+                                                         int last = 0);
   absl::StatusOr<Page<Scenario>> ListScenarios(int page_size, const std::string& page_token);
   absl::StatusOr<Scenario> GetScenario(const std::string& id);
   // cancelled: asked now and then; once true, the answer is CANCELLED.

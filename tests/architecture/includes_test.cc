@@ -41,11 +41,14 @@ const std::vector<Folder>& Folders() {
       {"server/jobs", {"core", "storage"}},
       {"server/service", {"core", "storage", "server/jobs"}},
       {"server/convert", {"core", "storage", "server/jobs", "server/service", kProto}},
-      {"server/api", {"core", "storage", "server/jobs", "server/service", "server/convert", kProto}},
-      {"server/rpc", {"core", "storage", "server/jobs", "server/service", "server/convert", "server/api", kProto}},
-      {"server/rest", {"core", "storage", "server/jobs", "server/service", "server/convert", "server/api", kProto}},
+      {"server/access", {"core", "storage"}},
+      {"server/api", {"core", "storage", "server/jobs", "server/service", "server/convert", "server/access", kProto}},
+      {"server/rpc",
+       {"core", "storage", "server/jobs", "server/service", "server/convert", "server/access", "server/api", kProto}},
+      {"server/rest",
+       {"core", "storage", "server/jobs", "server/service", "server/convert", "server/access", "server/api", kProto}},
       {"server/config", {"core", "storage", "server/jobs", "server/service"}},
-      {"server/commands", {"core", "storage", "server/config"}},
+      {"server/commands", {"core", "storage", "server/access", "server/config"}},
       {"server", {"core", "storage", "server", kProto}},  // main.cc alone: wiring
       {"client/cli", {kProto}},
   };
@@ -65,7 +68,8 @@ const std::vector<Library>& Libraries() {
       {{"sqlite3"}, {"storage"}},
       {{"Random123/"}, {"core/base"}},
       {{"hwy/"}, {"core/simd"}},
-      {{"nanoflann", "openssl/"}, {"core/library"}},
+      {{"nanoflann"}, {"core/library"}},
+      {{"openssl/"}, {"core/library", "server/access"}},
       {{"boost/", "nlohmann/", "CLI/"}, {"storage", "server/rest", "server/config", "server/commands", "client/cli"}},
   };
   return *libraries;

@@ -4,6 +4,7 @@ import { spawn } from "node:child_process";
 import { mkdirSync, mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
+import { isDeepStrictEqual } from "node:util";
 import { chromium } from "playwright-core";
 
 const root = new URL("../..", import.meta.url).pathname;
@@ -72,6 +73,15 @@ export class Server {
       await new Promise((resolve) => setTimeout(resolve, 200));
     }
   }
+}
+
+// Waits until `read` gives `expected`: a page shows what it has been told a moment later.
+export async function becomes(read, expected, what) {
+  let value = await read();
+  for (const end = Date.now() + 60_000; !isDeepStrictEqual(value, expected) && Date.now() < end; value = await read()) {
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  assert.deepEqual(value, expected, what);
 }
 
 export function launch() {

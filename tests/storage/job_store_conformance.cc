@@ -156,11 +156,11 @@ TEST_P(JobStoreConformance, ListsIterationsFromAny) {
 
 TEST_P(JobStoreConformance, SamplesAllOfAShortHistory) {
   CreateWithIterations(store(), "a", 16);
-  const auto records = store().SampleIterations("a", 16);
+  const auto records = store().SampleIterations("a", {}, 16);
   ASSERT_TRUE(records.ok()) << records.status();
   ASSERT_EQ(records->size(), 16u);
   for (int i = 0; i < 16; ++i) EXPECT_TRUE(Identical((*records)[static_cast<std::size_t>(i)], RecordOf(i + 1)));
-  EXPECT_TRUE(absl::IsNotFound(store().SampleIterations("none", 16).status()));
+  EXPECT_TRUE(absl::IsNotFound(store().SampleIterations("none", {}, 16).status()));
 }
 
 // Peaks, dips and an iteration without a cost, each a single one among 2000, are in any sample.
@@ -179,7 +179,7 @@ TEST_P(JobStoreConformance, SamplesKeepTheExtremesOfALongHistory) {
   store().Flush();
   for (const int max_points : {16, 17, 100, 1999}) {
     SCOPED_TRACE(max_points);
-    const auto records = store().SampleIterations("a", max_points);
+    const auto records = store().SampleIterations("a", {}, max_points);
     ASSERT_TRUE(records.ok()) << records.status();
     EXPECT_LE(records->size(), static_cast<std::size_t>(max_points));
     EXPECT_GE(records->size(), static_cast<std::size_t>(max_points / 2));
@@ -191,6 +191,26 @@ TEST_P(JobStoreConformance, SamplesKeepTheExtremesOfALongHistory) {
     for (const int kept : {1, 777, 1301, 1500, kCount}) EXPECT_TRUE(seen.contains(kept)) << kept;
     EXPECT_TRUE(seen.contains(store().GetJob("a")->best->iteration));
   }
+}
+
+TEST_P(JobStoreConformance, SamplesAStretchOfAHistory) {
+  CreateWithIterations(store(), "a", 200);
+  const auto iterations = [&](IterationRange range) {
+    std::vector<int> found;
+    const auto records = store().SampleIterations("a", range, 16);
+    if (!records.ok()) ADD_FAILURE() << records.status();
+    for (const IterationRecord& record : *records) found.push_back(record.iteration);
+    return found;
+  };
+  const auto long_stretch = iterations({.first = 50, .last = 149});
+  EXPECT_EQ(long_stretch.front(), 50);
+  EXPECT_EQ(long_stretch.back(), 149);
+  EXPECT_LE(long_stretch.size(), 16u);
+  EXPECT_GE(long_stretch.size(), 8u);
+  EXPECT_EQ(iterations({.first = 100, .last = 103}), (std::vector{100, 101, 102, 103}));
+  EXPECT_EQ(iterations({.first = 199, .last = 5000}), (std::vector{199, 200}));
+  EXPECT_EQ(iterations({.first = 201}), std::vector<int>());
+  EXPECT_EQ(iterations({.first = 7, .last = 6}), std::vector<int>());
 }
 
 TEST_P(JobStoreConformance, KeepsTheBestByBetterAndTheEarliestOfEquals) {
@@ -223,9 +243,9 @@ TEST_P(JobStoreConformance, KeepsTheCheckpointOfTheNewestIteration) {
   EXPECT_TRUE(store().GetJob("a")->checkpoint.empty());
   const std::vector<double> last{-0.0, std::numeric_limits<double>::denorm_min(), 0.1, 4, 5, 6};
   const auto ok = [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; };
-  store().AppendIteration("a", 2, RecordOf(1), {1, 2, 3}, ok);
-  store().AppendIteration("b", 2, RecordOf(1), {7}, ok);
-  store().AppendIteration("a", 3, RecordOf(2), last, ok);
+  store().AppendIteration("a", 2, RecordOf(1), {.checkpoint = {1, 2, 3}}, ok);
+  store().AppendIteration("b", 2, RecordOf(1), {.checkpoint = {7}}, ok);
+  store().AppendIteration("a", 3, RecordOf(2), {.checkpoint = last}, ok);
   store().Flush();
   Reopen();
   const auto kept = store().GetJob("a")->checkpoint;
@@ -235,7 +255,7 @@ TEST_P(JobStoreConformance, KeepsTheCheckpointOfTheNewestIteration) {
   EXPECT_EQ(store().GetJob("b")->checkpoint, std::vector<double>{7});
   ASSERT_TRUE(Change(store(), "a", 4, ChangeTo(JobState::kRunning)).ok());
   EXPECT_EQ(store().GetJob("a")->checkpoint, last);
-  store().AppendIteration("a", 5, RecordOf(3), {8}, ok);
+  store().AppendIteration("a", 5, RecordOf(3), {.checkpoint = {8}}, ok);
   ASSERT_TRUE(Change(store(), "a", 6, ChangeTo(JobState::kCancelled)).ok());
   EXPECT_TRUE(store().GetJob("a")->checkpoint.empty());
 }

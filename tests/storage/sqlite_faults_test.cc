@@ -76,7 +76,7 @@ class User {
     CreateJob("tuned", "request-1");
     EXPECT_EQ(CreateJob("tuned-again", "request-1"), "tuned");
     Change("tuned", 2, ChangeTo(JobState::kRunning, 10));
-    for (int i = 1; i <= 3; ++i) Append("tuned", 2 + i, i, {1.5 * i, 2.5});
+    for (int i = 1; i <= 3; ++i) Append("tuned", 2 + i, i, {.checkpoint = {1.5 * i, 2.5}});
     StateChange succeeded = ChangeTo(JobState::kSucceeded, 20);
     succeeded.report = OddReport();
     succeeded.gain_set = PlainGainSet("tuned");
@@ -191,9 +191,9 @@ class User {
     Must([&](JobStore::Done done) { store_->campaigns().EndCampaign(id, 3, end, std::move(done)); });
   }
 
-  void Append(const std::string& id, std::int64_t seq, int iteration, std::vector<double> checkpoint) {
+  void Append(const std::string& id, std::int64_t seq, int iteration, Continuation next) {
     Must([&](JobStore::Done done) {
-      store_->AppendIteration(id, seq, RecordOf(iteration), std::move(checkpoint), std::move(done));
+      store_->AppendIteration(id, seq, RecordOf(iteration), std::move(next), std::move(done));
     });
   }
   void Change(const std::string& id, std::int64_t seq, const StateChange& change) {
