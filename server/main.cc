@@ -16,6 +16,7 @@
 #include "server/config/config.h"
 #include "server/config/exposure.h"
 #include "server/jobs/gain_sets.h"
+#include "server/jobs/retention.h"
 #include "server/rest/server.h"
 #include "server/rpc/server.h"
 #include "storage/sqlite_store.h"
@@ -60,7 +61,7 @@ int ServeUntilSignal(const sigset_t& signals, const JobStore& store, RpcServer& 
     if (disk.ok() == serving) continue;
     serving = disk.ok();
     rpc.SetServing(serving);
-    if (http != nullptr) http->SetServing(serving);
+    if (http != nullptr) http->SetServing(disk);
     std::fprintf(stderr, "orbituned: %s\n",
                  serving ? "the disk is back; jobs go on"
                          : absl::StrCat("jobs wait for the disk: ", std::string(disk.message())).c_str());
@@ -132,6 +133,25 @@ void ShutDown(RpcServer& rpc, HttpServer* http) {
   rpc.Shutdown(kGrace);
 }
 
+void LogLine(const std::string& text) { std::fprintf(stderr, "orbituned: %s\n", text.c_str()); }
+
+SqliteStoreOptions StoreOptionsOf(const ServerConfig& config, const std::string& database) {
+  using StartCheck = SqliteStoreOptions::StartCheck;
+  return {.path = database,
+          .start_check = config.start_check == "full"  ? StartCheck::kFull
+                         : config.start_check == "off" ? StartCheck::kNone
+                                                       : StartCheck::kAfterCrash,
+          .log = LogLine};
+}
+
+RetentionPolicy RetentionOf(const ServerConfig& config) {
+  return {.jobs_days = config.retain_jobs_days,
+          .campaigns_days = config.retain_campaigns_days,
+          .iterations_days = config.retain_iterations_days,
+          .backups_days = config.retain_backups_days,
+          .max_database_bytes = static_cast<std::int64_t>(config.max_database_bytes)};
+}
+
 int Serve(const ServerConfig& config) {
   const sigset_t signals = BlockSignals();
   RaiseFileLimit();
@@ -145,7 +165,7 @@ int Serve(const ServerConfig& config) {
   auto access = Access::Open(config.data_dir + "/access.db");
   if (!access.ok()) return Fail(access.status());
   if (absl::Status status = CheckAccess(config, **access); !status.ok()) return Fail(status);
-  auto store = OpenSqliteStore({.path = database});
+  auto store = OpenSqliteStore(StoreOptionsOf(config, database));
   if (!store.ok()) return Fail(store.status());
   GainLibrary library;
   if (absl::Status status = LoadLibrary((*store)->gains(), library); !status.ok()) return Fail(status);
@@ -171,10 +191,13 @@ int Serve(const ServerConfig& config) {
               config.threads, simd::TargetInUse().c_str(), DescribeAccess(config, **access).c_str());
   std::fflush(stdout);
 
+  Retention retention(**store, campaigns, database, RetentionOf(config), LogLine);
+  retention.Start();
   const int signal = ServeUntilSignal(signals, **store, **rpc, http->get());
   std::printf("%s: stopping; unfinished jobs go on at the next start\n", signal == SIGINT ? "SIGINT" : "SIGTERM");
   std::fflush(stdout);
   EndInAnyCase();
+  retention.Stop();
   ShutDown(**rpc, http->get());
   campaigns.Stop();
   scheduler.Stop();

@@ -117,6 +117,10 @@ std::string NameBeside(const std::string& database, const std::string& what) {
   return name;
 }
 
+std::string MigrationBackupName(const std::string& database, std::int64_t version) {
+  return NameBeside(database, absl::StrCat("schema", version));
+}
+
 std::vector<std::string> MigrationBackupsBeside(const std::string& database) {
   std::vector<std::pair<fs::file_time_type, std::string>> found;
   std::error_code error;

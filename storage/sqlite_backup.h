@@ -25,7 +25,9 @@ absl::StatusOr<Restored> RestoreDatabase(const std::string& backup, const std::s
 // In the database's directory: orbitune-WHAT-20260131T235959Z.db; of the present moment, not in use.
 std::string NameBeside(const std::string& database, const std::string& what);
 
-// What the server itself has put beside the database before it migrated, the newest last.
+// Of what the server itself puts beside the database before it migrates it: "schema" and the version is WHAT.
+std::string MigrationBackupName(const std::string& database, std::int64_t version);
+// Those that are there, the newest last.
 std::vector<std::string> MigrationBackupsBeside(const std::string& database);
 
 // The path that a lock on the database is taken at.

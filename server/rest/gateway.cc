@@ -110,8 +110,9 @@ HttpReply Gateway::Refuse(const absl::Status& status, int http_code) const { ret
 
 Gateway::Reply Gateway::Fixed(const HttpRequest&, const Target& target) const {
   if (target.path == "/openapi.json") return Ok(kJson, openapi_);
-  if (target.path == "/healthz" || serving_) return Ok("text/plain; charset=utf-8", "ok\n");
-  return ErrorReply(absl::UnavailableError("the server is going down, or its disk fails"));
+  const std::lock_guard lock(state_mutex_);
+  if (target.path == "/healthz" || state_.ok()) return Ok("text/plain; charset=utf-8", "ok\n");
+  return ErrorReply(state_);
 }
 
 absl::Status Gateway::CheckOrigin(const HttpRequest& request) const {

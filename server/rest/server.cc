@@ -637,10 +637,10 @@ class HttpServerImpl final : public HttpServer {
 
   const std::string& address() const override { return address_; }
 
-  void SetServing(bool serving) override { core_->gateway->SetServing(serving); }
+  void SetServing(const absl::Status& state) override { core_->gateway->SetServing(state); }
 
   void Shutdown(std::chrono::milliseconds grace) override {
-    core_->gateway->SetServing(false);
+    core_->gateway->SetServing(absl::UnavailableError("the server is going down"));
     net::post(core_->io, [this, grace] { BeginShutdown(grace); });
     core_->api.Drain();
     if (thread_.joinable()) thread_.join();  // once nothing is left to do
