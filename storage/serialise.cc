@@ -279,6 +279,7 @@ void VisitFields(T& s, V&& visit) {
   visit("seed", s.seed);
   visit("engine_version", s.engine_version);
   visit("origin", s.origin);
+  visit.Later("history_digest", s.history_digest);
   visit("flight", s.flight);
 }
 

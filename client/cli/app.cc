@@ -27,6 +27,7 @@ Examples:
   orbitune jobs --state running --label case=1
   orbitune watch JOB                                    Ctrl-C ends the watching, not the job
   orbitune history JOB -o history.csv
+  orbitune verify JOB                                   run it again: is it the same, bit for bit?
   orbitune gains query --scenario leo-rendezvous --ic new.json --refine
   orbitune gains export JOB --format c-header -o gains.h
   orbitune simulate --job JOB --which best --csv trajectory.csv
@@ -42,7 +43,7 @@ Initial conditions (--ic): a JSON file of an OrbitState, or all keys of one of
 
 Exit codes:
   0    success
-  1    the job watched ended FAILED or CANCELLED; the episode left the domain or failed
+  1    the job watched ended FAILED or CANCELLED; the episode left the domain or failed; the job verified differs
   2    usage, a bad local file, INVALID_ARGUMENT
   3    not found
   4    the server cannot be reached, or did not answer in time
@@ -211,6 +212,14 @@ void AddHistory(CLI::App& program, Run& run) {
   AddText(*app, "--format", options->format, "[csv]", "csv|json")
       ->check(CLI::IsMember({"csv", "json"}).description(""));
   AddText(*app, "--output,-o", options->output, "Into this file, which appears whole or not at all [stdout]", "FILE");
+}
+
+void AddVerify(CLI::App& program, Run& run) {
+  const auto [app, options] =
+      AddCommand(program, run, "verify", "Run a job again and compare it with what is stored, bit for bit", RunVerify);
+  AddText(*app, "JOB", options->job, "ID or jobs/ID", "JOB")->required();
+  AddNumber<std::int32_t>(*app, "--from", options->from, "The first iteration to run again [1]");
+  AddNumber<std::int32_t>(*app, "--to", options->to, "The last one [the newest]");
 }
 
 void AddTransition(CLI::App& program, Run& run, const char* name, const char* help, Transition transition) {
@@ -473,6 +482,7 @@ int RunCli(const std::vector<std::string>& arguments, const Terminal& terminal) 
   AddJobs(program, run);
   AddShow(program, run);
   AddHistory(program, run);
+  AddVerify(program, run);
   AddTransitions(program, run);
   AddSimulate(program, run);
   AddCampaign(program, run);

@@ -76,6 +76,13 @@ struct HistoryOptions {
 };
 int RunHistory(Session& session, const HistoryOptions& options);
 
+struct VerifyOptions {
+  std::string job;
+  std::int32_t from = 0;  // iterations; 0: the first, the newest
+  std::int32_t to = 0;
+};
+int RunVerify(Session& session, const VerifyOptions& options);
+
 enum class Transition { kCancel, kPause, kResume, kDelete };
 // Tries every job; the exit code is that of the first failure.
 int RunTransition(Session& session, Transition transition, const std::vector<std::string>& jobs);

@@ -1,5 +1,7 @@
 #include "server/api/executor.h"
 
+#include <sys/resource.h>
+
 #include <utility>
 
 namespace orbitune {
@@ -16,12 +18,20 @@ Executor& Executors::For(Work work) {
       return episodes_;
     case Work::kStream:
       return streams_;
+    case Work::kVerify:
+      return verifications_;
   }
   return reads_;
 }
 
-Executor::Executor(int threads, std::size_t most_queued) : most_queued_(most_queued) {
-  for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Loop(); });
+Executor::Executor(int threads, std::size_t most_queued, int niceness) : most_queued_(most_queued) {
+  for (int i = 0; i < threads; ++i) {
+    threads_.emplace_back([this, niceness] {
+      // On Linux of the calling thread alone. It may always be raised; that it cannot be is no reason not to work.
+      if (niceness > 0) setpriority(PRIO_PROCESS, 0, niceness);
+      Loop();
+    });
+  }
 }
 
 Executor::~Executor() {

@@ -13,7 +13,8 @@ namespace orbitune {
 // Thread-safe.
 class Executor {
  public:
-  Executor(int threads, std::size_t most_queued);
+  // niceness: of the threads, 0 to 19: the higher, the less they get beside others.
+  Executor(int threads, std::size_t most_queued, int niceness = 0);
   Executor(const Executor&) = delete;
   Executor& operator=(const Executor&) = delete;
   ~Executor();  // runs what is queued, then ends
@@ -38,7 +39,7 @@ class Executor {
 };
 
 // What a call keeps busy, and with it how long it may.
-enum class Work { kRead, kWrite, kQuery, kEpisode, kStream };
+enum class Work { kRead, kWrite, kQuery, kEpisode, kStream, kVerify };
 
 // Threads by how long their work may block: neither a disk that hangs nor a long episode keeps a read waiting,
 // and however many watch, others are answered.
@@ -52,6 +53,7 @@ class Executors {
   Executor queries_{2, 1'000};  // of milliseconds
   Executor episodes_{2, 256};
   Executor streams_{2, 10'000};
+  Executor verifications_{2, 16, 15};  // of minutes, and of less weight than what tunes
 };
 
 }  // namespace orbitune

@@ -2,6 +2,7 @@
 
 #include "core/base/status.h"
 #include "server/api/answer.h"
+#include "server/api/verify_feed.h"
 #include "server/convert/job.h"
 
 namespace orbitune {
@@ -23,6 +24,7 @@ void TuningApi::AddTo(MethodTable& methods) {
   methods.Add(service + "ResumeJob", Work::kWrite, this, &TuningApi::ResumeJob);
   methods.Add(service + "DeleteJob", Work::kWrite, this, &TuningApi::DeleteJob);
   methods.AddStream<v1::WatchJobResponse>(service + "WatchJob", this, &TuningApi::WatchJob);
+  methods.AddStream<v1::VerifyJobResponse>(service + "VerifyJob", this, &TuningApi::VerifyJob);
   methods.Add(service + "ListIterations", Work::kRead, this, &TuningApi::ListIterations);
 }
 
@@ -65,6 +67,10 @@ absl::Status TuningApi::DeleteJob(const v1::DeleteJobRequest& request, google::p
 }
 
 std::shared_ptr<Feed> TuningApi::WatchJob(const v1::WatchJobRequest& request) { return NewJobFeed(request, context_); }
+
+std::shared_ptr<Feed> TuningApi::VerifyJob(const v1::VerifyJobRequest& request) {
+  return NewVerifyFeed(request, context_);
+}
 
 absl::Status TuningApi::ListIterations(const v1::ListIterationsRequest& request, v1::ListIterationsResponse* out) {
   const auto id = JobId(request.parent(), "parent");

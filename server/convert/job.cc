@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "absl/strings/str_cat.h"
+#include "server/convert/provenance.h"
 
 namespace orbitune {
 namespace {
@@ -276,6 +277,7 @@ void ToProto(const JobRecord& record, v1::Job* out) {
   }
   if (record.report) ToProto(*record.report, out->mutable_report());
   out->set_error_message(record.error_message);
+  if (record.provenance) ProvenanceToProto(record, out->mutable_provenance());
   out->set_etag(EtagOf(record));
 }
 

@@ -45,6 +45,10 @@ class Tuning final : public ApiService<v1::TuningService> {
                                                            const v1::WatchJobRequest* request) override {
     return Stream<v1::WatchJobResponse>("WatchJob", context, request);
   }
+  grpc::ServerWriteReactor<v1::VerifyJobResponse>* VerifyJob(Context* context,
+                                                             const v1::VerifyJobRequest* request) override {
+    return Stream<v1::VerifyJobResponse>("VerifyJob", context, request);
+  }
   Reactor* ListIterations(Context* context, const v1::ListIterationsRequest* request,
                           v1::ListIterationsResponse* out) override {
     return Call("ListIterations", context, request, out);

@@ -218,6 +218,7 @@ absl::Status CheckForm(const ImportedGainSet& given) {
   CheckText(errors, "display_name", given.display_name);
   CheckText(errors, "algorithm", given.algorithm);
   CheckText(errors, "engine_version", given.engine_version);
+  CheckText(errors, "history_digest", given.history_digest);
   CheckText(errors, "name", given.origin);
   if (given.iteration < 0) errors.AddNumber("iteration", ">= 0", given.iteration);
   for (std::size_t i = 0; i < kGainCount; ++i) {
@@ -273,6 +274,7 @@ absl::StatusOr<GainSet> MakeImported(const ImportedGainSet& given, const GainLib
   set.algorithm = given.algorithm;
   set.seed = given.seed;
   set.engine_version = given.engine_version;
+  set.history_digest = given.history_digest;
   set.origin = given.origin;
   absl::Status status = CheckBelongs(given, set);
   if (status.ok()) status = FlyImported(*prepared, set);

@@ -37,6 +37,7 @@ struct ImportedGainSet {
   std::string algorithm;
   std::uint64_t seed = 0;
   std::string engine_version;
+  std::string history_digest;
   std::string origin;
 };
 

@@ -7,6 +7,7 @@
 #include <future>
 #include <thread>
 
+#include "core/library/history_digest.h"
 #include "core/scenario/presets.h"
 #include "core/search/optimiser.h"
 #include "core/simd/batch_simulator.h"
@@ -182,9 +183,12 @@ void StoreRunningJob(JobStore& store, const std::string& id, const JobSpec& spec
   std::int64_t seq = 1;
   const StateChange running{.state = JobState::kRunning, .time_us = NowUs(), .message = {}, .report = {}};
   EXPECT_TRUE(Await([&](JobStore::Done done) { store.ChangeState(id, ++seq, running, std::move(done)); }).ok());
+  Digest digest = store.GetJob(id)->provenance->digest;
   for (const IterationRecord& record : history) {
-    EXPECT_TRUE(
-        Await([&](JobStore::Done done) { store.AppendIteration(id, ++seq, record, {}, std::move(done)); }).ok());
+    digest = ExtendHistory(digest, record);
+    EXPECT_TRUE(Await([&](JobStore::Done done) {
+                  store.AppendIteration(id, ++seq, record, {.digest = digest}, std::move(done));
+                }).ok());
   }
 }
 

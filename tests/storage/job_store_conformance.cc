@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "absl/strings/str_cat.h"
+#include "core/library/scenario_digest.h"
 #include "tests/storage/store_support.h"
 
 namespace orbitune::storage_test {
@@ -234,6 +235,36 @@ TEST_P(JobStoreConformance, KeepsTheBestByBetterAndTheEarliestOfEquals) {
     EXPECT_TRUE(Identical(*job->latest, record));
     EXPECT_TRUE(Identical(*job->first, records.front()));
   }
+}
+
+TEST_P(JobStoreConformance, KeepsTheProvenanceOfAJobForGood) {
+  const Engine here{.version = "1", .simd_target = "avx2", .fused_multiply_add = true, .libraries = "\"glibc\" 2"};
+  const Engine there{.version = "2", .simd_target = "baseline", .libraries = ""};
+  const auto created = Create(store(), "a");
+  ASSERT_TRUE(created.ok()) << created.status();
+  ASSERT_TRUE(created->provenance);
+  EXPECT_EQ(created->provenance->inputs_digest, ToHex(created->provenance->digest));
+  EXPECT_EQ(created->provenance->scenario_digest, ScenarioDigest(created->spec.scenario));
+  EXPECT_EQ(Difference(*store().GetJob("a"), *created), "");
+  const auto ok = [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; };
+  store().AppendIteration("a", 2, RecordOf(1), {.digest = Sha256("1"), .engine = here}, ok);
+  store().AppendIteration("a", 3, RecordOf(2), {.digest = Sha256("2")}, ok);
+  store().Flush();
+  Reopen();
+  store().AppendIteration("a", 4, RecordOf(3), {.digest = Sha256("3"), .engine = there}, ok);
+  ASSERT_TRUE(Change(store(), "a", 5, ChangeTo(JobState::kCancelled)).ok());
+  Reopen();
+  const auto kept = store().GetJob("a")->provenance;
+  ASSERT_TRUE(kept);
+  EXPECT_EQ(kept->digest, Sha256("3"));
+  EXPECT_EQ(kept->inputs_digest, created->provenance->inputs_digest);
+  EXPECT_EQ(kept->backfilled, 0);
+  ASSERT_EQ(kept->engines.size(), 2u);
+  EXPECT_EQ(kept->engines[0].first_iteration, 1);
+  EXPECT_EQ(kept->engines[0].engine, here);
+  EXPECT_EQ(kept->engines[1].first_iteration, 3);
+  EXPECT_EQ(kept->engines[1].engine, there);
+  EXPECT_EQ(store().ListJobs({})->at(0).provenance->digest, Sha256("3"));
 }
 
 // With the newest iteration, until the job ends.

@@ -297,6 +297,11 @@ std::string Difference(const JobRecord& a, const JobRecord& b) {
   compare("error_message", a.error_message, b.error_message);
   compare("has report", a.report.has_value(), b.report.has_value());
   if (a.report && b.report) difference += Difference(*a.report, *b.report);
+  compare("has provenance", a.provenance.has_value(), b.provenance.has_value());
+  if (a.provenance && b.provenance) {
+    compare("provenance", ToJson(*a.provenance), ToJson(*b.provenance));
+    compare("digest", ToHex(a.provenance->digest), ToHex(b.provenance->digest));
+  }
   difference += DifferentRecords("first", a.first, b.first);
   difference += DifferentRecords("latest", a.latest, b.latest);
   difference += DifferentRecords("best", a.best, b.best);

@@ -11,6 +11,7 @@ import { gainUnits } from "../orbit";
 import { Copy, Facts, Fault, GainsLine, Progress, State, gainName, orbitText, save } from "../parts";
 import { isMissing, messageOf, useTitle } from "../store";
 import { type EpisodeResult, type GainsAssessment, type Iteration, type Job, gainKeys } from "../types";
+import { Proof } from "../verify";
 import { FlightCharts } from "./flight_charts";
 
 const samplePoints = 1200;
@@ -349,6 +350,7 @@ function Provenance({ job, live }: { job: Job; live: Live }) {
           },
         ]}
       />
+      <Proof job={job} />
     </section>
   );
 }
