@@ -59,7 +59,7 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
   void Write() {
     grpc::WriteOptions options;
     if (sent_ + 1 < items_.size()) options.set_buffer_hint();
-    this->StartWrite(static_cast<const Response*>(&items_[sent_++]->message.get()), options);
+    this->StartWrite(static_cast<const Response*>(items_[sent_++]->message.get()), options);
   }
 
   const std::shared_ptr<Feed> feed_;
