@@ -1,6 +1,6 @@
 // The server killed (SIGKILL) at random moments, again and again, while clients create jobs and campaigns and watch
 // them: what was acknowledged is there, everything ends, and comes out as on a server that nobody disturbs.
-//   ORBITUNE_CRASHES=200 orbitune_server_crash_test    the long form
+//   ORBITUNE_CRASHES=200 orbitune_server_durability_test --gtest_filter=Crash*    the long form
 #include <gtest/gtest.h>
 #include <signal.h>
 

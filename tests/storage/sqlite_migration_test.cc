@@ -17,10 +17,8 @@
 namespace orbitune::storage_test {
 namespace {
 
-using ::testing::Each;
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
-using ::testing::UnorderedElementsAre;
 
 void Load(int version, const std::string& path) {
   std::ostringstream script;
@@ -36,6 +34,14 @@ class SqliteMigration : public testing::TestWithParam<int> {
  protected:
   void SetUp() override { Load(GetParam(), Database()); }
   std::string Database() const { return directory_.File("orbitune.db"); }
+  // Of the job that was labelled so; empty: there is none.
+  static std::string IdOf(const JobStore& store, const std::string& name) {
+    JobQuery query;
+    query.filter.labels.push_back({.key = "case", .value = name});
+    const auto jobs = store.ListJobs(query);
+    EXPECT_TRUE(jobs.ok()) << jobs.status();
+    return jobs->empty() ? "" : jobs->front().id;
+  }
 
   TemporaryDirectory directory_;
 };
@@ -47,12 +53,13 @@ TEST_P(SqliteMigration, KeepsEveryJob) {
       {"failed", JobState::kFailed, 0},      {"cancelled", JobState::kCancelled, 2},
       {"paused", JobState::kPaused, 3},      {"paused-ars", JobState::kPaused, 3},
       {"running", JobState::kRunning, 2},    {"running-cma", JobState::kRunning, 2}};
-  for (const auto& [id, state, at_least] : jobs) {
-    SCOPED_TRACE(id);
+  for (const auto& [name, state, at_least] : jobs) {
+    SCOPED_TRACE(name);
+    const std::string id = IdOf(*store, name);
     const auto job = store->GetJob(id);
     ASSERT_TRUE(job.ok()) << job.status();
     EXPECT_EQ(job->state, state);
-    EXPECT_EQ(job->spec.labels.at("case"), id);
+    EXPECT_EQ(job->spec.labels.at("team"), "orbit");
     EXPECT_GE(job->completed_iterations(), at_least);
     EXPECT_EQ(job->last_seq, job->completed_iterations() + job->state_changes);
     const auto events = store->ListEvents(id, 0, 1000);
@@ -61,21 +68,23 @@ TEST_P(SqliteMigration, KeepsEveryJob) {
     EXPECT_EQ(job->report.has_value(), state == JobState::kSucceeded);
     EXPECT_EQ(job->iterations_removed_us, 0);
     // The same request is the same job still.
-    const auto again = Create(*store, "new", job->spec, 1, "request-" + id, *ToJson(job->spec));
+    const auto again = Create(*store, "new", job->spec, 1, "request-" + name, *ToJson(job->spec));
     ASSERT_TRUE(again.ok()) << again.status();
     EXPECT_EQ(again->id, id);
     if (!IsTerminal(state)) {
       ASSERT_TRUE(Append(*store, id, job->last_seq + 1, RecordOf(job->completed_iterations() + 1)).ok());
     }
   }
-  for (const char* id : {"paused", "running-cma"}) EXPECT_FALSE(store->GetJob(id)->checkpoint.empty()) << id;
-  EXPECT_TRUE(absl::IsNotFound(store->GetJob("deleted").status()));
-  EXPECT_EQ(store->GetJob("finished")->latest->episodes, 30);
+  for (const char* name : {"paused", "running-cma"}) {
+    EXPECT_FALSE(store->GetJob(IdOf(*store, name))->checkpoint.empty()) << name;
+  }
+  EXPECT_EQ(IdOf(*store, "deleted"), "");
+  EXPECT_EQ(store->GetJob(IdOf(*store, "finished"))->latest->episodes, 30);
 }
 
 TEST_P(SqliteMigration, KeepsGainSetsAndCampaigns) {
   const auto store = OpenStore(Database());
-  EXPECT_EQ(store->gains().GetGainSet("finished").ok(), GetParam() >= 3);
+  EXPECT_EQ(store->gains().GetGainSet(IdOf(*store, "finished")).ok(), GetParam() >= 3);
   const auto campaigns = store->campaigns().ListCampaigns({});
   ASSERT_TRUE(campaigns.ok()) << campaigns.status();
   ASSERT_THAT(*campaigns, SizeIs(GetParam() >= 4 ? 2 : 0));
@@ -117,7 +126,6 @@ TEST_P(SqliteMigration, IsSoundAndHasABackupBeside) {
 
 INSTANTIATE_TEST_SUITE_P(Version, SqliteMigration, testing::Values(2, 3, 4));
 
-// A directory in the way of a backup: here, the name of its part.
 TEST(SqliteMigrationBackup, WithoutOneNothingIsMigrated) {
   const TemporaryDirectory directory;
   const std::string path = directory.File("orbitune.db");
@@ -134,7 +142,7 @@ TEST(SqliteMigrationBackup, WithoutOneNothingIsMigrated) {
   }
   EXPECT_EQ(FileContents(path), before);
   EXPECT_THAT(MigrationBackupsBeside(path), SizeIs(0));
-  EXPECT_TRUE(OpenStore(path)->GetJob("finished").ok());
+  EXPECT_EQ(OpenStore(path)->ListJobs({})->size(), 8u);
 }
 
 }  // namespace
