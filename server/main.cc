@@ -16,6 +16,7 @@
 #include "server/config/config.h"
 #include "server/config/exposure.h"
 #include "server/jobs/gain_sets.h"
+#include "server/jobs/retention.h"
 #include "server/log/log.h"
 #include "server/metrics/server_metrics.h"
 #include "server/rest/server.h"
@@ -166,6 +167,26 @@ void ShutDown(RpcServer& rpc, HttpServer* http) {
   rpc.Shutdown(kGrace);
 }
 
+void LogLine(const std::string& text) { Log(LogLevel::kWarning, text); }
+
+SqliteStoreOptions StoreOptionsOf(const ServerConfig& config, const std::string& database, StoreMetrics& metrics) {
+  using StartCheck = SqliteStoreOptions::StartCheck;
+  return {.path = database,
+          .metrics = &metrics,
+          .start_check = config.start_check == "full"  ? StartCheck::kFull
+                         : config.start_check == "off" ? StartCheck::kNone
+                                                       : StartCheck::kAfterCrash,
+          .log = LogLine};
+}
+
+RetentionPolicy RetentionOf(const ServerConfig& config) {
+  return {.jobs_days = config.retain_jobs_days,
+          .campaigns_days = config.retain_campaigns_days,
+          .iterations_days = config.retain_iterations_days,
+          .backups_days = config.retain_backups_days,
+          .max_database_bytes = static_cast<std::int64_t>(config.max_database_bytes)};
+}
+
 int Serve(const ServerConfig& config) {
   SetUpLog({.level = *LogLevelFrom(config.log_level), .json = config.log_format == "json", .sink = {}});
   const sigset_t signals = BlockSignals();
@@ -181,7 +202,7 @@ int Serve(const ServerConfig& config) {
   auto access = Access::Open(config.data_dir + "/access.db");
   if (!access.ok()) return Fail(access.status());
   if (absl::Status status = CheckAccess(config, **access); !status.ok()) return Fail(status);
-  auto store = OpenSqliteStore({.path = database, .metrics = &store_metrics});
+  auto store = OpenSqliteStore(StoreOptionsOf(config, database, store_metrics));
   if (!store.ok()) return Fail(store.status());
   GainLibrary library;
   if (absl::Status status = LoadLibrary((*store)->gains(), library); !status.ok()) return Fail(status);
@@ -208,6 +229,8 @@ int Serve(const ServerConfig& config) {
               config.threads, simd::TargetInUse().c_str(), DescribeAccess(config, **access).c_str());
   std::fflush(stdout);
 
+  Retention retention(**store, campaigns, database, RetentionOf(config), LogLine);
+  retention.Start();
   const JobCounts jobs = scheduler.counts();
   Log(LogLevel::kInfo, "started",
       {{"version", ORBITUNE_VERSION},
@@ -224,6 +247,7 @@ int Serve(const ServerConfig& config) {
   std::fflush(stdout);
   Log(LogLevel::kInfo, "stopping", {{"signal", signal == SIGINT ? "SIGINT" : "SIGTERM"}});
   EndInAnyCase();
+  retention.Stop();
   ShutDown(**rpc, http->get());
   campaigns.Stop();
   scheduler.Stop();

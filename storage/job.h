@@ -148,6 +148,7 @@ struct JobRecord {
   std::vector<double> checkpoint;       // the search's before `latest`; of a job that has not ended
   std::optional<JobReport> report;
   std::string error_message;
+  TimeUs iterations_removed_us = 0;  // when its iterations but first, best and latest were removed; 0: all are there
   std::optional<Provenance> provenance;  // none: it ended under a server that kept none
 
   int completed_iterations() const { return latest ? latest->iteration : 0; }

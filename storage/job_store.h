@@ -10,6 +10,7 @@
 #include "storage/campaign_store.h"
 #include "storage/gain_store.h"
 #include "storage/job.h"
+#include "storage/retention_store.h"
 
 namespace orbitune {
 
@@ -49,9 +50,10 @@ struct IterationRange {
 };
 
 // Thread-safe. Callbacks run on the writer's thread, in the order of the calls, and must not block or call back into
-// a write that waits. A write that fails for want of a working disk is tried again until it succeeds or the store is
-// closed (then: UNAVAILABLE, and only the next store opened can tell whether it is on disk); `ok_for_now()` tells
-// which.
+// a write that waits. While the disk fails (`ok_for_now()` tells) what a job or a campaign has done is tried again
+// until it succeeds or the store is closed; creations, deletions and gain sets, which somebody can ask for again, are
+// answered UNAVAILABLE at once. After UNAVAILABLE only a read, or the next store opened, can tell whether it is on
+// disk.
 class JobStore {
  public:
   using Done = std::function<void(absl::Status)>;
@@ -89,7 +91,8 @@ class JobStore {
   // In kQueued, kRunning or kPaused, oldest first.
   virtual absl::StatusOr<std::vector<JobRecord>> ListUnfinishedJobs() const = 0;
 
-  // Iterations after `after_iteration`, ascending, at most `limit`. NOT_FOUND for an unknown job.
+  // Iterations after `after_iteration`, ascending, at most `limit`. NOT_FOUND for an unknown job; FAILED_PRECONDITION
+  // (reason ITERATIONS_REMOVED) where they were removed.
   virtual absl::StatusOr<std::vector<IterationRecord>> ListIterations(const std::string& id, int after_iteration,
                                                                       int limit) const = 0;
 
@@ -99,13 +102,15 @@ class JobStore {
   virtual absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, IterationRange range,
                                                                         int max_points) const = 0;
 
-  // Events after `after_seq`, ascending and dense, at most `limit`. NOT_FOUND for an unknown job.
+  // Events after `after_seq`, ascending and dense, at most `limit`; not dense where iterations were removed: those that
+  // are left. NOT_FOUND for an unknown job.
   virtual absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                            int limit) const = 0;
 
   // Lives as long as the store.
   virtual CampaignStore& campaigns() = 0;
   virtual GainStore& gains() = 0;
+  virtual RetentionStore& retention() = 0;
 
   // Returns once every write queued before the call is committed, or the store is closed.
   virtual void Flush() = 0;

@@ -35,12 +35,12 @@ absl::StatusOr<CampaignDocuments> DocumentsOf(const CampaignSpec& spec, std::vec
 }  // namespace
 
 template <typename Apply>
-void SqliteCampaignStore::Queue(Apply apply, Done done) {
+void SqliteCampaignStore::Queue(Apply apply, Done done, bool refusable) {
   const auto run = [this, apply = std::move(apply)](JobTables& jobs) {
     CampaignTables tables(writing_, jobs);
     return apply(tables);
   };
-  writer_.Queue({.apply = run, .answer = std::move(done)});
+  writer_.Queue({.apply = run, .answer = std::move(done), .refusable = refusable});
 }
 
 template <typename Apply>
@@ -51,9 +51,10 @@ void SqliteCampaignStore::QueueWritten(Apply apply, Written done) {
     if (result.ok()) *written = *std::move(result);
     return result.status();
   };
-  Queue(run, [written, done = std::move(done)](absl::Status status) {
+  const auto answer = [written, done = std::move(done)](absl::Status status) {
     status.ok() ? done(std::move(*written)) : done(std::move(status));
-  });
+  };
+  Queue(run, answer, /*refusable=*/true);
 }
 
 // In its turn, with a status of the writer's own.
@@ -109,7 +110,7 @@ void SqliteCampaignStore::EndCampaign(const std::string& id, std::int64_t seq, C
 }
 
 void SqliteCampaignStore::DeleteCampaign(const std::string& id, Done done) {
-  Queue([id](CampaignTables& tables) { return tables.DeleteCampaign(id); }, std::move(done));
+  Queue([id](CampaignTables& tables) { return tables.DeleteCampaign(id); }, std::move(done), /*refusable=*/true);
 }
 
 absl::StatusOr<std::optional<CampaignRecord>> SqliteCampaignStore::FindRequest(

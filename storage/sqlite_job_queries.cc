@@ -18,6 +18,7 @@ struct JobProgress {
   std::int64_t key = 0;
   std::int64_t last_seq = 0;
   std::int64_t iterations = 0;
+  TimeUs iterations_removed_us = 0;
 };
 
 // A job as its own row and document have it; the iterations are still to be read.
@@ -32,7 +33,8 @@ std::string SelectJobs(std::string_view report, std::string_view tail) {
       "SELECT jobs.key, id, state, create_time_us, start_time_us, end_time_us, update_time_us, last_seq, "
       "state_changes, iterations, best_iteration, error_message, spec, ",
       ToAbsl(report),
-      ", doubles, provenance, digest FROM jobs JOIN job_documents ON job_documents.job = jobs.key LEFT JOIN "
+      ", doubles, provenance, digest, iterations_removed_us FROM jobs JOIN job_documents ON job_documents.job = "
+      "jobs.key LEFT JOIN "
       "checkpoints ON checkpoints.job "
       "= "
       "jobs.key",
@@ -73,6 +75,7 @@ absl::StatusOr<JobRow> JobRowIn(const Statement& row) {
     if (!provenance.ok()) return InJob(record.id, provenance.status());
     record.provenance = *std::move(provenance);
   }
+  record.iterations_removed_us = row.Int(17);
   return job;
 }
 
@@ -113,12 +116,25 @@ absl::StatusOr<JobRecord> WithIterations(Connection& connection, JobRow row) {
 }
 
 absl::StatusOr<JobProgress> ReadProgress(Connection& connection, const std::string& id) {
-  auto statement = connection.Prepare("SELECT key, last_seq, iterations FROM jobs WHERE id = ?");
+  auto statement = connection.Prepare("SELECT key, last_seq, iterations, iterations_removed_us FROM jobs WHERE id = ?");
   if (!statement.ok()) return statement.status();
   const absl::StatusOr<bool> row = statement->Bind(id).Step();
   if (!row.ok()) return row.status();
   if (!*row) return JobNotFound(id);
-  return JobProgress{.key = statement->Int(0), .last_seq = statement->Int(1), .iterations = statement->Int(2)};
+  return JobProgress{.key = statement->Int(0),
+                     .last_seq = statement->Int(1),
+                     .iterations = statement->Int(2),
+                     .iterations_removed_us = statement->Int(3)};
+}
+
+// OK if the whole history is there.
+absl::Status CheckNotRemoved(const std::string& id, const JobProgress& progress) {
+  if (progress.iterations_removed_us == 0) return absl::OkStatus();
+  return WithReason(
+      absl::FailedPreconditionError(absl::StrCat("the iterations of jobs/", id,
+                                                 " were removed, as this server keeps them for a time only; the job "
+                                                 "itself still has the first, the best and the last")),
+      "ITERATIONS_REMOVED");
 }
 
 // The iterations of least and of greatest cost within one stretch of a history.
@@ -228,6 +244,36 @@ absl::StatusOr<StateChanges> ReadStateChanges(Connection& connection, std::int64
   return changes;
 }
 
+// Events after after_seq of a job whose iterations were removed: its state changes, and the iterations that are left.
+absl::StatusOr<std::vector<JobEvent>> ReadEventsLeft(Connection& connection, const std::string& id,
+                                                     const JobProgress& progress, std::int64_t after_seq, int limit) {
+  absl::StatusOr<StateChanges> changes = ReadStateChanges(connection, progress.key, 0, progress.last_seq);
+  if (!changes.ok()) return InJob(id, changes.status());
+  std::vector<JobEvent> events = std::move(changes->events);
+  const std::size_t change_count = events.size();
+  auto best = connection.Prepare("SELECT coalesce(best_iteration, 1) FROM jobs WHERE key = ?");
+  if (!best.ok()) return best.status();
+  std::set<std::int64_t> left{1, progress.iterations};
+  absl::Status status = best->Bind(progress.key).ForEachRow([&] {
+    left.insert(best->Int(0));
+    return absl::OkStatus();
+  });
+  if (!status.ok()) return status;
+  for (const std::int64_t iteration : left) {
+    const auto record = ReadIterations(connection, progress.key, iteration, 1);
+    if (!record.ok()) return InJob(id, record.status());
+    if (record->empty() || record->front().iteration != iteration) return MissingIteration(id, iteration);
+    // Iterations have the numbers that state changes leave free.
+    std::int64_t seq = iteration;
+    for (std::size_t i = 0; i < change_count; ++i) seq += events[i].seq <= seq ? 1 : 0;
+    events.push_back({.seq = seq, .what = record->front()});
+  }
+  std::ranges::sort(events, {}, &JobEvent::seq);
+  std::erase_if(events, [&](const JobEvent& event) { return event.seq <= after_seq; });
+  if (events.size() > static_cast<std::size_t>(std::max(limit, 0))) events.resize(static_cast<std::size_t>(limit));
+  return events;
+}
+
 }  // namespace
 
 absl::Status JobNotFound(const std::string& id) {
@@ -277,6 +323,7 @@ absl::StatusOr<std::vector<IterationRecord>> ReadIterationsOf(Connection& connec
                                                               int after_iteration, int limit) {
   const absl::StatusOr<JobProgress> progress = ReadProgress(connection, id);
   if (!progress.ok()) return progress.status();
+  if (absl::Status status = CheckNotRemoved(id, *progress); !status.ok()) return status;
   const std::int64_t after = std::max(after_iteration, 0);
   const std::int64_t count = std::clamp<std::int64_t>(progress->iterations - after, 0, std::max(limit, 0));
   auto records = ReadIterations(connection, progress->key, after + 1, count);
@@ -292,6 +339,7 @@ absl::StatusOr<std::vector<IterationRecord>> SampleIterationsOf(Connection& conn
                                                                 IterationRange range, int max_points) {
   const absl::StatusOr<JobProgress> progress = ReadProgress(connection, id);
   if (!progress.ok()) return progress.status();
+  if (absl::Status status = CheckNotRemoved(id, *progress); !status.ok()) return status;
   range.first = std::max(range.first, 1);
   range.last = static_cast<int>(std::min<std::int64_t>(range.last, progress->iterations));
   const std::int64_t count = static_cast<std::int64_t>(range.last) - range.first + 1;
@@ -313,6 +361,7 @@ absl::StatusOr<std::vector<JobEvent>> ReadEventsOf(Connection& connection, const
                                                    std::int64_t after_seq, int limit) {
   const absl::StatusOr<JobProgress> progress = ReadProgress(connection, id);
   if (!progress.ok()) return progress.status();
+  if (progress->iterations_removed_us != 0) return ReadEventsLeft(connection, id, *progress, after_seq, limit);
   const std::int64_t after = std::clamp<std::int64_t>(after_seq, 0, progress->last_seq);
   const std::int64_t last = after + std::min<std::int64_t>(progress->last_seq - after, std::max(limit, 0));
   absl::StatusOr<StateChanges> changes = ReadStateChanges(connection, progress->key, after, last);

@@ -185,13 +185,30 @@ absl::Status JobTables::DeleteJob(const std::string& id) {
   if (!head.ok()) return head.status();
   const std::int64_t key = (*head)->key;
   if ((*head)->iterations > 0) {
-    absl::Status status = connection_.Run("INSERT INTO deleted_jobs (job) VALUES (?)", key);
+    absl::Status status = connection_.Run("INSERT OR IGNORE INTO deleted_jobs (job) VALUES (?)", key);
     if (!status.ok()) return status;
   }
   // Documents, labels and events go with it.
   absl::Status status = connection_.Run("DELETE FROM jobs WHERE key = ?", key);
   if (!status.ok()) return status;
   heads_.erase(id);
+  deleted_any_ = true;
+  return absl::OkStatus();
+}
+
+absl::Status JobTables::RemoveIterations(const std::string& id, TimeUs now) {
+  auto statement = connection_.Prepare("SELECT key, state FROM jobs WHERE id = ?");
+  if (!statement.ok()) return statement.status();
+  const absl::StatusOr<bool> row = statement->Bind(id).Step();
+  if (!row.ok()) return row.status();
+  if (!*row) return JobNotFound(id);
+  const std::int64_t key = statement->Int(0);
+  const absl::StatusOr<JobState> state = JobStateOf(statement->Text(1));
+  if (!state.ok()) return state.status();
+  if (!IsTerminal(*state)) return absl::FailedPreconditionError(absl::StrCat("job ", id, " has not ended"));
+  absl::Status status = connection_.Run("UPDATE jobs SET iterations_removed_us = ? WHERE key = ?", now, key);
+  if (status.ok()) status = connection_.Run("INSERT OR IGNORE INTO deleted_jobs (job) VALUES (?)", key);
+  if (!status.ok()) return status;
   deleted_any_ = true;
   return absl::OkStatus();
 }
@@ -234,7 +251,9 @@ absl::StatusOr<bool> JobTables::RemoveLeftovers() {
   if (!job.ok()) return job.status();
   absl::Status status = connection_.Run(
       "DELETE FROM iterations WHERE job = ?1 AND iteration IN "
-      "(SELECT iteration FROM iterations WHERE job = ?1 LIMIT ?2)",
+      "(SELECT iteration FROM iterations WHERE job = ?1 AND iteration NOT IN "
+      "(SELECT 1 FROM jobs WHERE key = ?1 UNION SELECT iterations FROM jobs WHERE key = ?1 "
+      "UNION SELECT coalesce(best_iteration, 1) FROM jobs WHERE key = ?1) LIMIT ?2)",
       *job, kLeftoversAtOnce);
   if (status.ok() && connection_.rows_changed() < kLeftoversAtOnce) {
     status = connection_.Run("DELETE FROM deleted_jobs WHERE job = ?", *job);

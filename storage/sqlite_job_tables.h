@@ -38,6 +38,8 @@ class JobTables {
   // report_json: of change.report, NULL without one.
   absl::Status ChangeState(const std::string& id, std::int64_t seq, const StateChange& change,
                            const std::optional<std::string>& report_json);
+  // As RetentionStore's.
+  absl::Status RemoveIterations(const std::string& id, TimeUs now);
   // The job's iterations stay behind, unreachable, for RemoveLeftovers.
   absl::Status DeleteJob(const std::string& id);
 
@@ -52,7 +54,8 @@ class JobTables {
   // In this transaction.
   bool deleted_any() const { return deleted_any_; }
 
-  // Removes a bounded number of deleted jobs' iterations (some milliseconds); false: there were none.
+  // Removes a bounded number of iterations of jobs deleted, or left without them (some milliseconds); false: there were
+  // none.
   absl::StatusOr<bool> RemoveLeftovers();
 
  private:

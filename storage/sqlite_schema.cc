@@ -187,7 +187,12 @@ ALTER TABLE jobs ADD COLUMN digest TEXT;               -- of the history up to `
 ALTER TABLE job_documents ADD COLUMN provenance TEXT;  -- JSON: what was given to the search, what computed
 )sql";
 
-constexpr std::array kMigrations{kVersion1, kVersion2, kVersion3, kVersion4, kVersion5};
+// The iterations of such a job go later than this says (deleted_jobs): reads leave them alone from then on.
+constexpr std::string_view kVersion6 = R"sql(
+ALTER TABLE jobs ADD COLUMN iterations_removed_us INTEGER;  -- when all but the first, the best and the last went
+)sql";
+
+constexpr std::array kMigrations{kVersion1, kVersion2, kVersion3, kVersion4, kVersion5, kVersion6};
 
 absl::StatusOr<bool> IsEmpty(Connection& connection) {
   const auto objects = connection.QueryInt("SELECT count(*) FROM sqlite_schema");

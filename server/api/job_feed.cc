@@ -123,8 +123,20 @@ class JobFeed final : public Feed {
     filling_ = false;
     if (!events.ok()) return EndWith(std::move(lock), events.status());
     if (shared.size() == kPage) caught_up_ = false;
-    for (const StreamPart& part : context_.messages.Of(id_, shared)) Take(part);
+    TakeEvents(shared);
     Step(std::move(lock));
+  }
+
+  // Under the lock. Events are missing between them only where retention removed iterations: that is told.
+  void TakeEvents(const std::vector<EventHub::Event>& events) {
+    for (auto begin = events.begin(); begin != events.end();) {
+      const auto end =
+          std::adjacent_find(begin, events.end(), [](const auto& a, const auto& b) { return b->seq != a->seq + 1; });
+      const auto behind = end == events.end() ? end : end + 1;
+      if ((*begin)->seq > sent_seq_ + 1) Take(Gap(sent_seq_ + 1, (*begin)->seq - 1));
+      for (const StreamPart& part : context_.messages.Of(id_, {begin, behind})) Take(part);
+      begin = behind;
+    }
   }
 
   // From the hub, under its lock: nothing here may wait for mutex_, under which the hub is called. Costs next to

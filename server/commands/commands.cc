@@ -6,6 +6,7 @@
 #include "absl/strings/str_format.h"
 #include "core/base/status.h"
 #include "server/commands/audit.h"
+#include "server/commands/backup.h"
 #include "server/commands/token.h"
 
 namespace orbitune {
@@ -14,6 +15,9 @@ namespace {
 constexpr Command kCommands[] = {
     {"token", "Make, list and revoke the tokens that clients need", RunToken},
     {"audit", "Who did what, as a table, JSON or CSV", RunAudit},
+    {"backup", "Copy the database, while the server runs", RunBackup},
+    {"restore", "Put a backup in the database's place, while no server runs", RunRestore},
+    {"check", "Look for damage in the database, or in a backup", RunCheck},
 };
 
 }  // namespace

@@ -170,6 +170,35 @@ void AddTlsOptions(CLI::App& app, ServerConfig& config) {
       ->envname("ORBITUNE_INSECURE");
 }
 
+void AddStorageOptions(CLI::App& app, ServerConfig& config) {
+  app.add_option("--start-check", config.start_check,
+                 "What of the database is read before the start: crash: its structure for up to 10 s, where the last "
+                 "server did not close it; full: all of it; off: nothing")
+      ->envname("ORBITUNE_START_CHECK")
+      ->check(CLI::IsMember({"crash", "full", "off"}))
+      ->capture_default_str();
+  const auto add_days = [&](const char* name, double& days, const char* environment, const char* description) {
+    app.add_option(name, days, description)
+        ->envname(environment)
+        ->check(CLI::Range(0.0, 36'500.0))
+        ->capture_default_str();
+  };
+  add_days("--retain-jobs-days", config.retain_jobs_days, "ORBITUNE_RETAIN_JOBS_DAYS",
+           "Days after its end at which a job of no campaign is deleted; 0: never. Gain sets always stay");
+  add_days("--retain-campaigns-days", config.retain_campaigns_days, "ORBITUNE_RETAIN_CAMPAIGNS_DAYS",
+           "Likewise, a campaign with its jobs");
+  add_days("--retain-iterations-days", config.retain_iterations_days, "ORBITUNE_RETAIN_ITERATIONS_DAYS",
+           "Likewise, the iterations of a job but the first, the best and the last");
+  add_days("--retain-backups-days", config.retain_backups_days, "ORBITUNE_RETAIN_BACKUPS_DAYS",
+           "Days after which a backup made before a migration is deleted; 0: never. The newest always stays");
+  app.add_option("--max-database-bytes", config.max_database_bytes,
+                 "Bytes in use in the database (20GB will do) above which what ended first is removed, iterations "
+                 "first; 0: no limit")
+      ->envname("ORBITUNE_MAX_DATABASE_BYTES")
+      ->transform(CLI::AsSizeValue(false))
+      ->capture_default_str();
+}
+
 }  // namespace
 
 std::string DefaultDataDir() {
@@ -209,6 +238,7 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, const std::
       ->capture_default_str();
   AddHttpOptions(app, config);
   AddTlsOptions(app, config);
+  AddStorageOptions(app, config);
   app.add_option("--threads", config.threads, "Worker threads; 0: one per core. Results do not depend on it")
       ->envname("ORBITUNE_THREADS")
       ->check(CLI::Range(0, 1024))

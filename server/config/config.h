@@ -1,6 +1,7 @@
 // What orbituned is told: flags before environment before configuration file before defaults.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -45,6 +46,12 @@ struct ServerConfig {
   std::string log_level = "info";
   double log_slow_call_s = 1;
   std::string simd = "auto";
+  std::string start_check = "crash";  // or "full", "off"
+  double retain_jobs_days = 0;        // 0, here and below: kept for ever
+  double retain_campaigns_days = 0;
+  double retain_iterations_days = 0;
+  double retain_backups_days = 0;
+  std::uint64_t max_database_bytes = 0;  // 0: no limit
 };
 
 // Where the database is kept unless --data-dir or ORBITUNE_DATA_DIR says.

@@ -274,6 +274,9 @@ void ToProto(const JobRecord& record, v1::Job* out) {
   if (record.latest) ToProto(*record.latest, out->mutable_latest_iteration());
   if (record.best) ToProto(*record.best, out->mutable_best_iteration());
   out->set_last_seq(record.last_seq);
+  if (record.iterations_removed_us != 0) {
+    SetTime(record.iterations_removed_us, out->mutable_iterations_removed_time());
+  }
   if (record.report) ToProto(*record.report, out->mutable_report());
   out->set_error_message(record.error_message);
   if (record.provenance) ProvenanceToProto(record, out->mutable_provenance());

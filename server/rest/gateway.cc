@@ -115,14 +115,9 @@ HttpReply Gateway::Refuse(const absl::Status& status, int http_code) const { ret
 Gateway::Reply Gateway::Fixed(const HttpRequest&, const Target& target) const {
   if (target.path == "/openapi.json") return Ok(kJson, openapi_);
   if (target.path == "/metrics") return ErrorReply(absl::NotFoundError("this server shows no metrics"));
-  const std::lock_guard lock(serving_mutex_);
-  if (target.path == "/healthz" || serving_.ok()) return Ok("text/plain; charset=utf-8", "ok\n");
-  return ErrorReply(serving_);
-}
-
-void Gateway::SetServing(const absl::Status& serving) {
-  const std::lock_guard lock(serving_mutex_);
-  serving_ = serving;
+  const std::lock_guard lock(state_mutex_);
+  if (target.path == "/healthz" || state_.ok()) return Ok("text/plain; charset=utf-8", "ok\n");
+  return ErrorReply(state_);
 }
 
 absl::Status Gateway::CheckOrigin(const HttpRequest& request) const {

@@ -47,8 +47,11 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
   // What a request gets that never became one: a syntax error, a limit exceeded.
   HttpReply Refuse(const absl::Status& status, int http_code) const;
 
-  // What /readyz answers: OK, or why not.
-  void SetServing(const absl::Status& serving);
+  // What /readyz answers: OK, or why the server takes no work.
+  void SetServing(const absl::Status& state) {
+    const std::lock_guard lock(state_mutex_);
+    state_ = state;
+  }
 
  private:
   struct Exchange;
@@ -73,9 +76,8 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
   const RouteTable routes_;
   const StaticFiles files_;
   const std::string openapi_;
-
-  mutable std::mutex serving_mutex_;
-  absl::Status serving_;  // guarded by serving_mutex_
+  mutable std::mutex state_mutex_;
+  absl::Status state_;  // guarded by state_mutex_
 };
 
 }  // namespace orbitune::rest

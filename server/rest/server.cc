@@ -645,7 +645,7 @@ class HttpServerImpl final : public HttpServer {
 
   const std::string& address() const override { return address_; }
 
-  void SetServing(const absl::Status& serving) override { core_->gateway->SetServing(serving); }
+  void SetServing(const absl::Status& state) override { core_->gateway->SetServing(state); }
 
   void Shutdown(std::chrono::milliseconds grace) override {
     core_->gateway->SetServing(absl::UnavailableError("the server is going down"));

@@ -41,8 +41,8 @@ class HttpServer {
   // HOST:PORT as listened on.
   virtual const std::string& address() const = 0;
 
-  // What /readyz answers, until Shutdown: OK, or why not.
-  virtual void SetServing(const absl::Status& serving) = 0;
+  // What /readyz answers, until Shutdown: OK, or why the server takes no work.
+  virtual void SetServing(const absl::Status& state) = 0;
 
   // Nobody new, the API's streams are ended with UNAVAILABLE, requests in flight get `grace`, and it is over.
   virtual void Shutdown(std::chrono::milliseconds grace) = 0;

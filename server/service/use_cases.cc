@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <chrono>
 #include <future>
 #include <random>
 
@@ -17,6 +18,7 @@
 namespace orbitune {
 namespace {
 
+constexpr std::chrono::milliseconds kBetweenLooks(200);  // at the disk, while a caller waits for it
 constexpr std::size_t kLongestName = 256;
 constexpr std::size_t kLongestDescription = 4096;
 constexpr std::size_t kLongestId = 64;
@@ -317,10 +319,18 @@ absl::StatusOr<Page<JobRecord>> UseCases::ListJobs(int page_size, const std::str
 
 absl::StatusOr<JobRecord> UseCases::Await(Transition transition, const std::string& id, const std::string& etag) {
   if (absl::Status status = store_.ok_for_now(); !status.ok()) return status;
-  std::promise<absl::StatusOr<JobRecord>> changed;
+  const auto changed = std::make_shared<std::promise<absl::StatusOr<JobRecord>>>();
+  auto answer = changed->get_future();
   (scheduler_.*transition)(id, etag,
-                           [&changed](absl::StatusOr<JobRecord> record) { changed.set_value(std::move(record)); });
-  return changed.get_future().get();
+                           [changed](absl::StatusOr<JobRecord> record) { changed->set_value(std::move(record)); });
+  while (answer.wait_for(kBetweenLooks) != std::future_status::ready) {
+    const absl::Status disk = store_.ok_for_now();
+    if (disk.ok()) continue;
+    // It cannot be taken back any more, and its caller need not wait for the disk.
+    return absl::UnavailableError(
+        absl::StrCat("jobs/", id, ": the change will be stored once the disk is back: ", disk.message()));
+  }
+  return answer.get();
 }
 
 // A campaign halts and removes its jobs together; what becomes of one of them alone is not its plan.

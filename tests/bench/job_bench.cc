@@ -70,6 +70,7 @@ class NullStore final : public JobStore {
   // There are none.
   CampaignStore& campaigns() override { std::abort(); }
   GainStore& gains() override { std::abort(); }
+  RetentionStore& retention() override { std::abort(); }
   void Flush() override {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return waiting_.empty() && !answering_; });

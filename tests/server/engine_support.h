@@ -56,6 +56,7 @@ class Engine {
   EventHub& hub() { return hub_; }
   Scheduler& scheduler() { return scheduler_; }
   UseCases& use_cases() { return use_cases_; }
+  CampaignEngine& campaign_engine() { return campaign_engine_; }
   CampaignUseCases& campaigns() { return campaigns_; }
   GainUseCases& gains() { return gains_; }
 

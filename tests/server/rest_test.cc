@@ -388,11 +388,11 @@ TEST_F(RestTest, OpenApiSaysWhatTheProtoSays) {
 TEST_F(RestTest, HealthAndReadiness) {
   EXPECT_EQ(Get("/healthz").body, "ok\n");
   EXPECT_EQ(Get("/readyz").code, 200);
-  http_->SetServing(absl::UnavailableError("disk full"));
+  http_->SetServing(absl::UnavailableError("the disk is full"));
   EXPECT_EQ(Get("/healthz").code, 200);
   const Reply reply = Get("/readyz");
   EXPECT_EQ(reply.code, 503);
-  EXPECT_EQ(ErrorOf(reply).at("message"), "disk full");
+  EXPECT_EQ(ErrorOf(reply).at("message"), "the disk is full");
   EXPECT_EQ(ErrorOf(reply).at("details").at(0).at("@type"), "type.googleapis.com/google.rpc.RetryInfo");
   EXPECT_EQ(reply.headers.at("retry-after"), "1");
   http_->SetServing(absl::OkStatus());

@@ -81,6 +81,7 @@ class GatedStore final : public JobStore {
   }
   CampaignStore& campaigns() override { return store_.campaigns(); }
   GainStore& gains() override { return store_.gains(); }
+  RetentionStore& retention() override { return store_.retention(); }
   void Flush() override { store_.Flush(); }
   absl::Status ok_for_now() const override { return store_.ok_for_now(); }
 

@@ -39,8 +39,8 @@ std::string DifferentRecords(std::string_view name, const std::optional<Iteratio
 
 }  // namespace
 
-TemporaryDirectory::TemporaryDirectory() {
-  std::string name = (std::filesystem::temp_directory_path() / "orbitune-storage-XXXXXX").string();
+TemporaryDirectory::TemporaryDirectory(const std::filesystem::path& parent) {
+  std::string name = (parent / "orbitune-storage-XXXXXX").string();
   path_ = mkdtemp(name.data());
 }
 
