@@ -14,6 +14,7 @@
 #include "core/simd/lane_kernel.h"
 #include "server/commands/commands.h"
 #include "server/config/config.h"
+#include "server/config/exposure.h"
 #include "server/jobs/gain_sets.h"
 #include "server/rest/server.h"
 #include "server/rpc/server.h"
@@ -49,13 +50,15 @@ int Fail(const absl::Status& status) {
 }
 
 // Until a signal comes, health follows the disk.
-int ServeUntilSignal(const sigset_t& signals, const JobStore& store, RpcServer& rpc, HttpServer* http) {
+int ServeUntilSignal(const sigset_t& signals, const JobStore& store, const Access& access, RpcServer& rpc,
+                     HttpServer* http) {
   bool serving = true;
   while (true) {
     constexpr timespec kPeriod{.tv_sec = 1, .tv_nsec = 0};
     const int signal = sigtimedwait(&signals, nullptr, &kPeriod);
     if (signal > 0) return signal;
-    const absl::Status disk = store.ok_for_now();
+    absl::Status disk = store.ok_for_now();
+    if (disk.ok()) disk = access.AuditReady();
     if (disk.ok() == serving) continue;
     serving = disk.ok();
     rpc.SetServing(serving);
@@ -80,9 +83,30 @@ std::chrono::milliseconds Milliseconds(double seconds) {
   return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::duration<double>(seconds));
 }
 
+TlsFiles TlsFilesOf(const ServerConfig& config) {
+  return {.certificate = config.tls_cert, .key = config.tls_key, .client_ca = config.tls_client_ca};
+}
+
+// Whether the files can be used, and whether what listens to others than this machine asks who they are.
+absl::Status CheckAccess(const ServerConfig& config, const Access& access) {
+  const TlsFiles tls = TlsFilesOf(config);
+  if (tls.on()) {
+    if (absl::Status status = TlsContext::Load(tls).status(); !status.ok()) return status;
+  }
+  return CheckExposure(config, access.needs_token());
+}
+
+std::string DescribeAccess(const ServerConfig& config, const Access& access) {
+  const char* const tls = config.tls_cert.empty()        ? "in the clear"
+                          : config.tls_client_ca.empty() ? "TLS"
+                                                         : "TLS with clients' certificates";
+  return absl::StrCat(access.needs_token() ? "by token" : "everybody is an admin, for there are no tokens", ", ", tls);
+}
+
 HttpOptions HttpOptionsOf(const ServerConfig& config) {
   HttpOptions options;
   options.address = config.http;
+  options.tls = TlsFilesOf(config);
   options.web_dir = config.web_dir;
   options.cors_origins = config.http_cors_origins;
   options.max_connections = config.http_max_connections;
@@ -120,6 +144,9 @@ int Serve(const ServerConfig& config) {
     return Fail(absl::FailedPreconditionError("--simd " + config.simd + ": not an instruction set of this processor"));
   }
   const std::string database = config.data_dir + "/orbitune.db";
+  auto access = Access::Open(config.data_dir + "/access.db");
+  if (!access.ok()) return Fail(access.status());
+  if (absl::Status status = CheckAccess(config, **access); !status.ok()) return Fail(status);
   auto store = OpenSqliteStore({.path = database});
   if (!store.ok()) return Fail(store.status());
   GainLibrary library;
@@ -135,18 +162,18 @@ int Serve(const ServerConfig& config) {
   absl::Status started = scheduler.Start();
   if (started.ok()) started = campaigns.Start();
   if (!started.ok()) return Fail(started);
-  Api api(use_cases, campaign_use_cases, gains);
-  auto rpc = RpcServer::Start(config.listen, api);
+  Api api(use_cases, campaign_use_cases, gains, access->get());
+  auto rpc = RpcServer::Start(config.listen, api, TlsFilesOf(config));
   if (!rpc.ok()) return Fail(rpc.status());
   auto http = StartHttp(config, api);
   if (!http.ok()) return Fail(http.status());
 
-  std::printf("orbituned " ORBITUNE_VERSION "\ngrpc %s\nhttp %s\ndata %s\nthreads %d, %s\n", (*rpc)->address().c_str(),
-              *http == nullptr ? "off" : (*http)->address().c_str(), database.c_str(), config.threads,
-              simd::TargetInUse().c_str());
+  std::printf("orbituned " ORBITUNE_VERSION "\ngrpc %s\nhttp %s\ndata %s\nthreads %d, %s\naccess %s\n",
+              (*rpc)->address().c_str(), *http == nullptr ? "off" : (*http)->address().c_str(), database.c_str(),
+              config.threads, simd::TargetInUse().c_str(), DescribeAccess(config, **access).c_str());
   std::fflush(stdout);
 
-  const int signal = ServeUntilSignal(signals, **store, **rpc, http->get());
+  const int signal = ServeUntilSignal(signals, **store, **access, **rpc, http->get());
   std::printf("%s: stopping; unfinished jobs go on at the next start\n", signal == SIGINT ? "SIGINT" : "SIGTERM");
   std::fflush(stdout);
   EndInAnyCase();
@@ -164,6 +191,6 @@ int main(int argc, char** argv) {
     return command->run(argc - 1, argv + 1);
   }
   int exit_code = 0;
-  const auto config = orbitune::ParseServerConfig(argc, argv, exit_code);
+  const auto config = orbitune::ParseServerConfig(argc, argv, orbitune::CommandsHelp(), exit_code);
   return config ? orbitune::Serve(*config) : exit_code;
 }

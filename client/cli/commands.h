@@ -99,4 +99,7 @@ struct SimulateOptions {
 };
 int RunSimulate(Session& session, const SimulateOptions& options);
 
+// Whose the token is, and what it may do.
+int RunWhoami(Session& session);
+
 }  // namespace orbitune::cli

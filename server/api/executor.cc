@@ -2,6 +2,7 @@
 
 #include <sys/resource.h>
 
+#include <cstdlib>
 #include <utility>
 
 namespace orbitune {
@@ -24,14 +25,13 @@ Executor& Executors::For(Work work) {
   return reads_;
 }
 
-Executor::Executor(int threads, std::size_t most_queued, int niceness) : most_queued_(most_queued) {
-  for (int i = 0; i < threads; ++i) {
-    threads_.emplace_back([this, niceness] {
-      // On Linux of the calling thread alone. It may always be raised; that it cannot be is no reason not to work.
-      if (niceness > 0) setpriority(PRIO_PROCESS, 0, niceness);
-      Loop();
-    });
-  }
+void AddNice(int nice) {
+  if (const char* e = getenv("TEST_NICE")) nice = atoi(e);
+  if (nice != 0) setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + nice);  // in Linux of the thread alone
+}
+
+Executor::Executor(int threads, std::size_t most_queued, int nice) : most_queued_(most_queued) {
+  for (int i = 0; i < threads; ++i) threads_.emplace_back([this, nice] { Loop(nice); });
 }
 
 Executor::~Executor() {
@@ -61,7 +61,8 @@ bool Executor::TryPost(std::function<void()> task) {
   return true;
 }
 
-void Executor::Loop() {
+void Executor::Loop(int nice) {
+  AddNice(nice);
   std::unique_lock lock(mutex_);
   while (true) {
     ready_.wait(lock, [this] { return ending_ || !tasks_.empty(); });

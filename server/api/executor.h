@@ -13,8 +13,8 @@ namespace orbitune {
 // Thread-safe.
 class Executor {
  public:
-  // niceness: of the threads, 0 to 19: the higher, the less they get beside others.
-  Executor(int threads, std::size_t most_queued, int niceness = 0);
+  // nice: added to the threads' own; what is more than 0 lets others go first.
+  Executor(int threads, std::size_t most_queued, int nice = 0);
   Executor(const Executor&) = delete;
   Executor& operator=(const Executor&) = delete;
   ~Executor();  // runs what is queued, then ends
@@ -25,7 +25,7 @@ class Executor {
   bool TryPost(std::function<void()> task);
 
  private:
-  void Loop();
+  void Loop(int nice);
 
   const std::size_t most_queued_;
 
@@ -37,6 +37,14 @@ class Executor {
 
   std::vector<std::thread> threads_;
 };
+
+// Watchers take what the tuning leaves of the processors: however many there are, a job is hardly slower.
+inline constexpr int kStreamNice = 10;
+// So does whoever wants a job to be run again.
+inline constexpr int kVerifyNice = 15;
+
+// Of the thread that calls. Where the system refuses, it stays as it was.
+void AddNice(int nice);
 
 // What a call keeps busy, and with it how long it may.
 enum class Work { kRead, kWrite, kQuery, kEpisode, kStream, kVerify };
@@ -52,8 +60,8 @@ class Executors {
   Executor writes_{4, 10'000};
   Executor queries_{2, 1'000};  // of milliseconds
   Executor episodes_{2, 256};
-  Executor streams_{2, 10'000};
-  Executor verifications_{2, 16, 15};  // of minutes, and of less weight than what tunes
+  Executor streams_{2, 10'000, kStreamNice};
+  Executor verifications_{2, 16, kVerifyNice};  // of minutes
 };
 
 }  // namespace orbitune

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <string_view>
 
 namespace orbitune {
@@ -15,6 +16,9 @@ struct Command {
 
 // In the order of the help. Another command: a line here, and a file of its own beside this one.
 std::span<const Command> Commands();
+
+// Their part of the server's help.
+std::string CommandsHelp();
 
 // nullptr for none: an option of the server.
 const Command* FindCommand(std::string_view name);

@@ -91,6 +91,27 @@ void AddHttpOptions(CLI::App& app, ServerConfig& config) {
            "Seconds after which a reader that takes nothing is cut off");
 }
 
+void AddTlsOptions(CLI::App& app, ServerConfig& config) {
+  CLI::Option* const cert =
+      app.add_option("--tls-cert", config.tls_cert, "PEM file of the server's certificate and what leads to its root")
+          ->envname("ORBITUNE_TLS_CERT")
+          ->type_name("FILE");
+  CLI::Option* const key = app.add_option("--tls-key", config.tls_key, "PEM file of its key")
+                               ->envname("ORBITUNE_TLS_KEY")
+                               ->type_name("FILE");
+  cert->needs(key);
+  key->needs(cert);
+  app.add_option("--tls-client-ca", config.tls_client_ca,
+                 "PEM file of authorities: only clients with a certificate of theirs are let in")
+      ->envname("ORBITUNE_TLS_CLIENT_CA")
+      ->type_name("FILE")
+      ->needs(cert);
+  app.add_flag("--insecure", config.insecure,
+               "Listen on an address that is not loopback even without TLS or tokens: whoever reaches it may read "
+               "what passes, or do all")
+      ->envname("ORBITUNE_INSECURE");
+}
+
 }  // namespace
 
 std::string DefaultDataDir() {
@@ -101,7 +122,7 @@ std::string DefaultDataDir() {
   return home != nullptr && *home != '\0' ? std::string(home) + "/.local/share/orbitune" : "orbitune-data";
 }
 
-std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_code) {
+std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, const std::string& footer, int& exit_code) {
   ServerConfig config;
   config.data_dir = DefaultDataDir();
   config.web_dir = DefaultWebDir();
@@ -129,6 +150,7 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_c
       ->check(CheckHttpAddress)
       ->capture_default_str();
   AddHttpOptions(app, config);
+  AddTlsOptions(app, config);
   app.add_option("--threads", config.threads, "Worker threads; 0: one per core. Results do not depend on it")
       ->envname("ORBITUNE_THREADS")
       ->check(CLI::Range(0, 1024))
@@ -143,7 +165,8 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_c
       ->capture_default_str();
   app.footer(
       "SIGTERM or SIGINT: unfinished jobs are kept and taken up at the next start.\n"
-      "Exit status: 0 stopped by a signal, 1 could not start, 2 wrong usage.");
+      "Exit status: 0 stopped by a signal, 1 could not start, 2 wrong usage.\n" +
+      footer);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

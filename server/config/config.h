@@ -20,7 +20,11 @@ struct ServerConfig {
   double http_body_time_s = 60;
   double http_idle_time_s = 60;
   double http_stall_time_s = 30;
-  int threads = 0;  // 0: one per core
+  std::string tls_cert;  // PEM files; empty: in the clear
+  std::string tls_key;
+  std::string tls_client_ca;  // clients must have a certificate; empty: they need none
+  bool insecure = false;      // listen on an open address whatever is missing
+  int threads = 0;            // 0: one per core
   int max_running_jobs = 64;
   std::string simd = "auto";
 };
@@ -28,8 +32,8 @@ struct ServerConfig {
 // Where the database is kept unless --data-dir or ORBITUNE_DATA_DIR says.
 std::string DefaultDataDir();
 
-// Parses the command line. Nothing if the process is to end at once, with `exit_code`: after --help, --version, or an
-// error that was printed.
-std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_code);
+// Parses the command line. footer: for the end of the help. Nothing if the process is to end at once, with `exit_code`:
+// after --help, --version, or an error that was printed.
+std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, const std::string& footer, int& exit_code);
 
 }  // namespace orbitune

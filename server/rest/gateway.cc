@@ -10,6 +10,7 @@
 #include "server/rest/compress.h"
 #include "server/rest/error.h"
 #include "server/rest/openapi.h"
+#include "server/rest/session.h"
 #include "server/rest/text.h"
 #include "server/rest/transcode.h"
 
@@ -17,6 +18,7 @@ namespace orbitune::rest {
 namespace {
 
 constexpr char kJson[] = "application/json";
+constexpr std::string_view kSession = "/v1/session";
 
 HttpReply Ok(std::string_view type, std::string body) {
   return {.code = 200, .headers = {{"Content-Type", std::string(type)}}, .body = std::move(body)};
@@ -53,6 +55,12 @@ bool IsJson(std::string_view content_type) {
   return EqualNoCase(Trim(content_type.substr(0, content_type.find(';'))), kJson);
 }
 
+HttpReply NotJson(const HttpRequest& request) {
+  return ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Type: must be application/json, got ",
+                                                            FormatReceived(request.header("Content-Type")))),
+                    415);
+}
+
 bool Reads(std::string_view http_method) { return http_method == "GET" || http_method == "HEAD"; }
 
 }  // namespace
@@ -73,24 +81,26 @@ Gateway::Gateway(Api& api, GatewayOptions options)
       openapi_(OpenApiJson(routes_)) {}
 
 void Gateway::Handle(HttpRequest request, Cancelled cancelled, std::function<void(Reply)> done) {
-  auto exchange = std::make_shared<Exchange>(
-      Exchange{std::move(request), {}, {LocalCaller(""), std::move(cancelled)}, std::move(done)});
+  auto exchange =
+      std::make_shared<Exchange>(Exchange{std::move(request), {}, {{}, std::move(cancelled)}, std::move(done)});
   if (absl::Status status = CheckOrigin(exchange->request); !status.ok()) return Send(*exchange, ErrorReply(status));
   auto target = ParseTarget(exchange->request.target);
   if (!target.ok()) return Send(*exchange, ErrorReply(target.status()));
   exchange->target = *std::move(target);
   const std::string& path = exchange->target.path;
   const std::string& method = exchange->request.method;
+  if (path == kSession && (method == "POST" || method == "DELETE")) return HandleSession(exchange);
   const bool is_fixed = path == "/healthz" || path == "/readyz" || path == "/openapi.json";
   RouteTable::Match match = routes_.Find(method, path);
   const bool is_api = is_fixed || !match.allowed.empty() || path.starts_with("/v1/");
   if (!is_api || is_fixed) match.allowed = {"GET", "HEAD"};
+  if (path == kSession) match.allowed = {"POST", "DELETE"};
   if (match.route != nullptr) return HandleRoute(match, exchange);
   if (match.allowed.empty()) {
     return Send(*exchange, ErrorReply(absl::NotFoundError("no such path; /openapi.json lists what there is")));
   }
   if (method == "OPTIONS") return Send(*exchange, Preflight(exchange->request, match.allowed));
-  if (!Reads(method)) return Send(*exchange, MethodNotAllowed(match.allowed));
+  if (!Reads(method) || path == kSession) return Send(*exchange, MethodNotAllowed(match.allowed));
   if (is_fixed) return Send(*exchange, Fixed(exchange->request, exchange->target));
   if (is_api) return Send(*exchange, MethodNotAllowed(match.allowed));
   HandleFile(exchange);
@@ -114,6 +124,9 @@ absl::Status Gateway::CheckOrigin(const HttpRequest& request) const {
         absl::StrCat("this server is not ", FormatReceived(host), ": it is called localhost, or by its address"));
   }
   const std::string_view origin = request.header("Origin");
+  if (ByCookie(request) && !Reads(request.method) && !EqualNoCase(HostOf(origin), host)) {
+    return absl::PermissionDeniedError("with the session's cookie only this server's own pages may change something");
+  }
   if (origin.empty() || Reads(request.method) || request.method == "OPTIONS") return absl::OkStatus();
   if (EqualNoCase(HostOf(origin), host) || IsAllowedOrigin(origin)) return absl::OkStatus();
   return absl::PermissionDeniedError(absl::StrCat("a page of ", FormatReceived(origin),
@@ -127,14 +140,30 @@ bool Gateway::IsAllowedOrigin(std::string_view origin) const {
   });
 }
 
+absl::StatusOr<Caller> Gateway::Admit(const Method& method, const HttpRequest& request) const {
+  auto caller = api_.Authenticate(CredentialsOf(request), method.descriptor->full_name());
+  if (!caller.ok()) return caller;
+  if (absl::Status status = api_.CheckRole(method, *caller); !status.ok()) return status;
+  return caller;
+}
+
+void Gateway::HandleSession(const std::shared_ptr<Exchange>& exchange) {
+  const HttpRequest& request = exchange->request;
+  if (request.method == "POST" && !IsJson(request.header("Content-Type"))) return Send(*exchange, NotJson(request));
+  const bool posted = api_.executors().For(Work::kWrite).TryPost([self = shared_from_this(), exchange] {
+    const HttpRequest& asked = exchange->request;
+    self->Send(*exchange,
+               asked.method == "POST" ? LogIn(self->api_.access(), asked) : LogOut(self->api_.access(), asked));
+  });
+  if (!posted) Send(*exchange, TooManyWaiting());
+}
+
 void Gateway::HandleRoute(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange) {
   const HttpRequest& request = exchange->request;
-  if (!request.body.empty() && !IsJson(request.header("Content-Type"))) {
-    return Send(*exchange,
-                ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Type: must be application/json, got ",
-                                                                   FormatReceived(request.header("Content-Type")))),
-                           415));
-  }
+  auto caller = Admit(*match.route->method, request);
+  if (!caller.ok()) return Send(*exchange, AccessRefusal(caller.status(), request));
+  exchange->context.caller = *std::move(caller);
+  if (!request.body.empty() && !IsJson(request.header("Content-Type"))) return Send(*exchange, NotJson(request));
   if (match.route->method->open != nullptr) return Send(*exchange, OpenStream(match, *exchange));
   const bool posted =
       api_.executors().For(match.route->method->work).TryPost([self = shared_from_this(), match, exchange] {
@@ -192,7 +221,7 @@ HttpReply Gateway::Preflight(const HttpRequest& request, const std::vector<std::
   HttpReply reply{.code = 204, .headers = {{"Allow", absl::StrJoin(allowed, ", ")}}, .body = {}};
   if (IsAllowedOrigin(request.header("Origin"))) {
     reply.headers.emplace_back("Access-Control-Allow-Methods", absl::StrJoin(allowed, ", "));
-    reply.headers.emplace_back("Access-Control-Allow-Headers", "Content-Type, Last-Event-ID");
+    reply.headers.emplace_back("Access-Control-Allow-Headers", "Authorization, Content-Type, Last-Event-ID");
     reply.headers.emplace_back("Access-Control-Max-Age", "600");
   }
   return reply;

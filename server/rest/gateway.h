@@ -54,6 +54,8 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
 
   Reply Fixed(const HttpRequest& request, const Target& target) const;
   absl::Status CheckOrigin(const HttpRequest& request) const;
+  void HandleSession(const std::shared_ptr<Exchange>& exchange);
+  absl::StatusOr<Caller> Admit(const Method& method, const HttpRequest& request) const;
   bool IsAllowedOrigin(std::string_view origin) const;
   void HandleRoute(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange);
   void HandleFile(const std::shared_ptr<Exchange>& exchange);

@@ -30,6 +30,7 @@
 #include "core/base/status.h"
 #include "server/rest/error.h"
 #include "server/rest/gateway.h"
+#include "server/rest/transport.h"
 
 namespace orbitune {
 namespace {
@@ -87,9 +88,15 @@ struct Core : std::enable_shared_from_this<Core> {
     });
   }
 
+  // nullptr: in the clear.
+  SSL* NewTlsConnection() const {
+    return tls == nullptr ? nullptr : tls->NewConnection([this](const std::string& line) { Log(line); });
+  }
+
   const HttpOptions options;
   Api& api;
   std::shared_ptr<Gateway> gateway;
+  std::unique_ptr<TlsContext> tls;  // nullptr: in the clear
   std::set<Connection*> connections;
   std::size_t body_bytes = 0;  // of requests that are being received
   int streams = 0;
@@ -194,7 +201,9 @@ auto Report(Core& core) {
 class Connection : public std::enable_shared_from_this<Connection> {
  public:
   Connection(Core& core, tcp::socket socket)
-      : core_(core), stream_(std::move(socket)), buffer_(core.options.max_header_bytes + (128 << 10)) {
+      : core_(core),
+        stream_(std::move(socket), core.NewTlsConnection()),
+        buffer_(core.options.max_header_bytes + (128 << 10)) {
     core_.connections.insert(this);
   }
   ~Connection() {
@@ -204,7 +213,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   static net::awaitable<void> Run(std::shared_ptr<Connection> self) {
-    bool open = true;  // g++ 12 gets a co_await in a loop's condition wrong
+    bool open = co_await self->Greet();  // g++ 12 gets a co_await in a loop's condition wrong
     while (open) open = co_await self->Serve();
     co_await self->Close();
   }
@@ -227,6 +236,14 @@ class Connection : public std::enable_shared_from_this<Connection> {
     std::string peer;  // HOST:PORT
   };
 
+  // False if the connection is to be closed.
+  net::awaitable<bool> Greet() {
+    if (!stream_.secure()) co_return true;
+    stream_.expires_after(core_.options.header_time);
+    const auto [error] = co_await stream_.async_handshake(kAwait);
+    co_return !error;
+  }
+
   // One request and its reply. False if the connection is to be closed.
   net::awaitable<bool> Serve() {
     Parser parser;
@@ -238,6 +255,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
       co_return false;
     }
     HttpRequest request = ToRequest(parser);
+    request.peer = PeerAddress();
+    request.secure = stream_.secure();
     const bool head = request.method == "HEAD";
     const unsigned version = parser.get().version();
     const bool keep_alive = parser.get().keep_alive();
@@ -494,8 +513,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   static net::awaitable<void> NoticeEnd(std::shared_ptr<Connection> self, std::shared_ptr<Feed> feed) {
     std::size_t ignored_bytes = 0;
     while (ignored_bytes < kMostIgnored) {
-      const auto [error, count] =
-          co_await self->stream_.socket().async_read_some(net::buffer(self->core_.ignored), kAwait);
+      const auto [error, count] = co_await self->ReadIgnored();
       if (error) break;
       ignored_bytes += count;
     }
@@ -503,15 +521,32 @@ class Connection : public std::enable_shared_from_this<Connection> {
     self->CloseNow();
   }
 
+  // Without a time limit, and leaving that of a write under way alone.
+  net::awaitable<std::tuple<error_code, std::size_t>> ReadIgnored() {
+    const auto buffer = net::buffer(core_.ignored);
+    if (!stream_.secure()) co_return co_await stream_.socket().async_read_some(buffer, kAwait);
+    const auto [error] = co_await stream_.socket().async_wait(tcp::socket::wait_read, kAwait);
+    if (error) co_return std::tuple(error, std::size_t{0});
+    stream_.expires_after(core_.options.stall_time);
+    co_return co_await stream_.async_read_some(buffer, kAwait);
+  }
+
   // What was sent arrives before the connection ends, also where the other side still sends.
   net::awaitable<void> Close() {
     error_code error;
-    stream_.socket().shutdown(tcp::socket::shutdown_send, error);
     stream_.expires_after(kLinger);
+    if (stream_.secure()) co_await stream_.async_shutdown(kAwait);
+    stream_.socket().shutdown(tcp::socket::shutdown_send, error);
     while (!error) {
       error = std::get<0>(co_await stream_.async_read_some(net::buffer(core_.ignored), kAwait));
     }
     CloseNow();
+  }
+
+  std::string PeerAddress() {
+    error_code error;
+    const tcp::endpoint endpoint = stream_.socket().remote_endpoint(error);
+    return error ? "?" : endpoint.address().to_string();
   }
 
   std::string Peer() {
@@ -521,7 +556,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   Core& core_;
-  beast::tcp_stream stream_;
+  Transport stream_;
   beast::flat_buffer buffer_;
   std::size_t body_bytes_ = 0;
   bool idle_ = false;
@@ -529,6 +564,9 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
 // Refuses who comes beyond the limit, if the system takes the answer at once.
 void TurnAway(Core& core, tcp::socket socket) {
+  if (!core.full) core.Log(absl::StrCat("all ", core.options.max_connections, " connections are in use"));
+  core.full = true;
+  if (core.tls != nullptr) return;  // whom a handshake would cost more than the answer is worth
   const std::string body = rest::ErrorJson(absl::UnavailableError("too many connections")) + "\n";
   const std::string answer = absl::StrCat(
       "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nContent-Length: ", body.size(),
@@ -537,8 +575,6 @@ void TurnAway(Core& core, tcp::socket socket) {
   socket.non_blocking(true, ignored);
   socket.write_some(net::buffer(answer), ignored);
   socket.shutdown(tcp::socket::shutdown_send, ignored);
-  if (!core.full) core.Log(absl::StrCat("all ", core.options.max_connections, " connections are in use"));
-  core.full = true;
 }
 
 net::awaitable<void> Accept(Core& core, tcp::acceptor& acceptor) {
@@ -570,6 +606,11 @@ class HttpServerImpl final : public HttpServer {
   }
 
   absl::Status Listen() {
+    if (core_->options.tls.on()) {
+      auto tls = TlsContext::Load(core_->options.tls);
+      if (!tls.ok()) return tls.status();
+      core_->tls = *std::move(tls);
+    }
     const std::string& address = core_->options.address;
     const std::size_t colon = address.rfind(':');
     std::string host = address.substr(0, colon);
@@ -591,7 +632,10 @@ class HttpServerImpl final : public HttpServer {
     core_->gateway = std::make_shared<Gateway>(
         core_->api, rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback});
     net::co_spawn(core_->io, Accept(*core_, acceptor_), Report(*core_));
-    thread_ = std::thread([this] { core_->io.run(); });
+    thread_ = std::thread([this] {
+      AddNice(kStreamNice);
+      core_->io.run();
+    });
   }
 
   const std::string& address() const override { return address_; }

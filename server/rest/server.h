@@ -8,15 +8,17 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/access/tls.h"
 #include "server/api/api.h"
 
 namespace orbitune {
 
 struct HttpOptions {
   std::string address = "127.0.0.1:7314";  // HOST:PORT, port 0: any free one
-  std::string web_dir;                     // the dashboard's files; need not exist
-  std::vector<std::string> cors_origins;   // pages from elsewhere that may call this server, "*": all
-  int max_connections = 1024;              // what comes beyond is answered 503
+  TlsFiles tls;
+  std::string web_dir;                    // the dashboard's files; need not exist
+  std::vector<std::string> cors_origins;  // pages from elsewhere that may call this server, "*": all
+  int max_connections = 1024;             // what comes beyond is answered 503
   std::size_t max_header_bytes = 16 << 10;
   std::size_t max_body_bytes = kLargestRequestBytes;
   std::size_t max_bodies_bytes = 64 << 20;        // of all requests that are being received

@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "grpc/health/v1/health.pb.h"
+#include "orbitune/v1/audit.grpc.pb.h"
 #include "orbitune/v1/campaign.grpc.pb.h"
 #include "orbitune/v1/gains.grpc.pb.h"
 #include "orbitune/v1/scenario.grpc.pb.h"
@@ -137,21 +138,34 @@ class GainsService final : public ApiService<v1::GainService> {
   }
 };
 
+class AccessService final : public ApiService<v1::AccessService> {
+ public:
+  explicit AccessService(Api& api) : ApiService(api) {}
+  Reactor* GetCaller(Context* context, const v1::GetCallerRequest* request, v1::Caller* out) override {
+    return Call("GetCaller", context, request, out);
+  }
+  Reactor* ListAuditEntries(Context* context, const v1::ListAuditEntriesRequest* request,
+                            v1::ListAuditEntriesResponse* out) override {
+    return Call("ListAuditEntries", context, request, out);
+  }
+};
+
 class RpcServerImpl final : public RpcServer {
  public:
-  RpcServerImpl(const std::string& address, Api& api)
-      : api_(api), tuning_(api), campaigns_(api), gains_(api), scenarios_(api), simulation_(api) {
+  RpcServerImpl(const std::string& address, Api& api, const TlsFiles& tls)
+      : api_(api), tuning_(api), campaigns_(api), gains_(api), scenarios_(api), simulation_(api), access_(api) {
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.
     grpc::health::v1::HealthCheckRequest::descriptor();
     grpc::ServerBuilder builder;
-    builder.AddListeningPort(address, grpc::InsecureServerCredentials(), &port_);
+    builder.AddListeningPort(address, ServerCredentialsOf(tls), &port_);
     builder.RegisterService(&tuning_);
     builder.RegisterService(&campaigns_);
     builder.RegisterService(&gains_);
     builder.RegisterService(&scenarios_);
     builder.RegisterService(&simulation_);
+    builder.RegisterService(&access_);
     builder.SetMaxReceiveMessageSize(kLargestRequestBytes);
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);
@@ -188,6 +202,7 @@ class RpcServerImpl final : public RpcServer {
   GainsService gains_;
   Scenarios scenarios_;
   Simulation simulation_;
+  AccessService access_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
   std::string address_;
@@ -195,8 +210,8 @@ class RpcServerImpl final : public RpcServer {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const std::string& address, Api& api) {
-  auto server = std::make_unique<RpcServerImpl>(address, api);
+absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const std::string& address, Api& api, const TlsFiles& tls) {
+  auto server = std::make_unique<RpcServerImpl>(address, api, tls);
   if (!server->listening()) {
     return absl::UnavailableError(absl::StrCat("cannot listen on ", FormatReceived(address),
                                                ": the address is wrong, not this machine's, or in use"));

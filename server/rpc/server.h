@@ -6,14 +6,17 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "server/access/tls.h"
 #include "server/api/api.h"
 
 namespace orbitune {
 
 class RpcServer {
  public:
-  // Listens on `address` (HOST:PORT, port 0: any free one), or says why it cannot. api: outlives the server.
-  static absl::StatusOr<std::unique_ptr<RpcServer>> Start(const std::string& address, Api& api);
+  // Listens on `address` (HOST:PORT, port 0: any free one), or says why it cannot. api: outlives the server. tls: files
+  // that TlsContext::Load takes; none: in the clear.
+  static absl::StatusOr<std::unique_ptr<RpcServer>> Start(const std::string& address, Api& api,
+                                                          const TlsFiles& tls = {});
 
   virtual ~RpcServer() = default;
 

@@ -11,6 +11,7 @@
 #include "core/base/check.h"
 #include "server/api/api.h"
 #include "server/api/error.h"
+#include "server/rpc/credentials.h"
 
 namespace orbitune {
 
@@ -58,7 +59,7 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
   void Write() {
     grpc::WriteOptions options;
     if (sent_ + 1 < items_.size()) options.set_buffer_hint();
-    this->StartWrite(static_cast<const Response*>(&items_[sent_++]->message.get()), options);
+    this->StartWrite(static_cast<const Response*>(items_[sent_++]->message.get()), options);
   }
 
   const std::shared_ptr<Feed> feed_;
@@ -79,14 +80,23 @@ class ApiService : public Service::CallbackService {
   template <typename Request, typename Response>
   Reactor* Call(const char* method, Context* context, const Request* request, Response* response) {
     Reactor* reactor = context->DefaultReactor();
-    api_.Call(Find<Request>(method), {LocalCaller(context->peer()), [context] { return context->IsCancelled(); }},
-              *request, response, [reactor](const absl::Status& status) { reactor->Finish(ToGrpc(status)); });
+    const Method& called = Find<Request>(method);
+    auto caller = api_.Authenticate(CredentialsOf(*context), called.descriptor->full_name());
+    if (!caller.ok()) {
+      reactor->Finish(ToGrpc(caller.status()));
+      return reactor;
+    }
+    api_.Call(called, {*std::move(caller), [context] { return context->IsCancelled(); }}, *request, response,
+              [reactor](const absl::Status& status) { reactor->Finish(ToGrpc(status)); });
     return reactor;
   }
 
   template <typename Response, typename Request>
   grpc::ServerWriteReactor<Response>* Stream(const char* method, Context* context, const Request* request) {
-    return new StreamReactor<Response>(api_.Open(Find<Request>(method), {LocalCaller(context->peer())}, *request));
+    const Method& called = Find<Request>(method);
+    auto caller = api_.Authenticate(CredentialsOf(*context), called.descriptor->full_name());
+    return new StreamReactor<Response>(caller.ok() ? api_.Open(called, {*std::move(caller)}, *request)
+                                                   : EndedFeed(caller.status()));
   }
 
  private:

@@ -99,9 +99,15 @@ export function launch() {
   });
 }
 
-// Every event that reaches the page by a stream, as the browser has it and apart from what the page makes of it.
-function recordStreams() {
+// Every event that reaches the page by a stream, as the browser has it and apart from what the page makes of it; and
+// every number of iterations that a job's page has shown.
+function record() {
   window.told = [];
+  window.shown = [];
+  new MutationObserver(() => {
+    const iterations = document.querySelector("[data-testid=job]")?.dataset.iterations;
+    if (iterations && Number(iterations) !== window.shown.at(-1)) window.shown.push(Number(iterations));
+  }).observe(document, { subtree: true, childList: true, attributes: true, attributeFilter: ["data-iterations"] });
   const Native = window.EventSource;
   window.EventSource = class extends Native {
     constructor(...given) {
@@ -124,6 +130,9 @@ export async function openPage(browser, options = {}) {
   });
   page.on("pageerror", (error) => errors.push(String(error.stack)));
   page.setDefaultTimeout(120_000);
-  await page.addInitScript(recordStreams);
+  // As a machine so many times slower has it.
+  const rate = Number(process.env.ORBITUNE_E2E_THROTTLE ?? 1);
+  if (rate > 1) await (await page.context().newCDPSession(page)).send("Emulation.setCPUThrottlingRate", { rate });
+  await page.addInitScript(record);
   return { page, errors };
 }
