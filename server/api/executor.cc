@@ -8,7 +8,6 @@
 namespace orbitune {
 namespace {
 
-constexpr int kVerificationsNice = 15;
 
 Executor::Limits LimitsOf(const ExecutorLimits& limits) {
   return {.waiting = {"max-calls-waiting", limits.max_calls_waiting},
@@ -23,7 +22,7 @@ Executors::Executors(const ExecutorLimits& limits)
       queries_(2, LimitsOf(limits)),
       episodes_(limits.max_episode_calls, LimitsOf(limits)),
       streams_(2, LimitsOf(limits), kStreamNice),
-      verifications_(limits.max_verifications, LimitsOf(limits), kVerificationsNice) {}
+      verifications_(limits.max_verifications, LimitsOf(limits), kVerifyNice) {}
 
 Executor& Executors::For(Work work) {
   switch (work) {

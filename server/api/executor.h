@@ -63,6 +63,8 @@ class Executor {
 
 // Watchers take what the tuning leaves of the processors: however many there are, a job is hardly slower.
 inline constexpr int kStreamNice = 10;
+// So does whoever wants a job to be run again.
+inline constexpr int kVerifyNice = 15;
 
 // Of the thread that calls. Where the system refuses, it stays as it was.
 void AddNice(int nice);

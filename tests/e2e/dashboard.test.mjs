@@ -84,6 +84,11 @@ test("a job from the form: checked as one types, followed as it runs, reduced by
   await picture(page, "job");
   assert.ok(statSync(join(output, "job.png")).size < 200_000, "small enough for the README");
   await picture(page, "job-whole", { fullPage: true });
+
+  // The history's digest, and the proof that the job comes out the same again.
+  await becomes(() => page.getByTestId("digest").textContent(), job.provenance.digest);
+  await page.getByRole("button", { name: "verify", exact: true }).click();
+  await becomes(() => page.getByTestId("verdict").getAttribute("data-verdict"), "VERDICT_IDENTICAL");
   assert.deepEqual(errors, []);
 });
 
