@@ -52,8 +52,7 @@ class SqliteGainStore final : public GainStore {
 
 class SqliteStore final : public JobStore {
  public:
-  SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection,
-              const SqliteStoreOptions& options)
+  SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection, const SqliteStoreOptions& options)
       : lock_(std::move(lock)),
         connection_(std::move(connection)),
         readers_(connection_->path()),

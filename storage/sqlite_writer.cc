@@ -25,11 +25,9 @@ std::vector<absl::Status> GiveUp(std::size_t operations, const absl::Status& tro
 }  // namespace
 
 SqliteWriter::SqliteWriter(Connection& connection, std::chrono::milliseconds first_pause, StoreMetrics* metrics)
-    : connection_(connection),
-      tables_(connection),
-      first_pause_(first_pause),
-      metrics_(metrics),
-      thread_([this] { Run(); }) {}
+    : connection_(connection), tables_(connection), first_pause_(first_pause), metrics_(metrics), thread_([this] {
+        Run();
+      }) {}
 
 SqliteWriter::~SqliteWriter() {
   {

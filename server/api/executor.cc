@@ -8,7 +8,6 @@
 namespace orbitune {
 namespace {
 
-
 Executor::Limits LimitsOf(const ExecutorLimits& limits) {
   return {.waiting = {"max-calls-waiting", limits.max_calls_waiting},
           .waiting_per_client = {"max-calls-waiting-per-client", limits.max_calls_waiting_per_client}};
