@@ -2,7 +2,6 @@
 
 #include <sys/resource.h>
 
-#include <cstdlib>
 #include <utility>
 
 namespace orbitune {
@@ -24,7 +23,6 @@ Executor& Executors::For(Work work) {
 }
 
 void AddNice(int nice) {
-  if (const char* e = getenv("TEST_NICE")) nice = atoi(e);
   if (nice != 0) setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + nice);  // in Linux of the thread alone
 }
 
