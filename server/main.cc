@@ -50,13 +50,15 @@ int Fail(const absl::Status& status) {
 }
 
 // Until a signal comes, health follows the disk.
-int ServeUntilSignal(const sigset_t& signals, const JobStore& store, RpcServer& rpc, HttpServer* http) {
+int ServeUntilSignal(const sigset_t& signals, const JobStore& store, const Access& access, RpcServer& rpc,
+                     HttpServer* http) {
   bool serving = true;
   while (true) {
     constexpr timespec kPeriod{.tv_sec = 1, .tv_nsec = 0};
     const int signal = sigtimedwait(&signals, nullptr, &kPeriod);
     if (signal > 0) return signal;
-    const absl::Status disk = store.ok_for_now();
+    absl::Status disk = store.ok_for_now();
+    if (disk.ok()) disk = access.AuditReady();
     if (disk.ok() == serving) continue;
     serving = disk.ok();
     rpc.SetServing(serving);
@@ -171,7 +173,7 @@ int Serve(const ServerConfig& config) {
               config.threads, simd::TargetInUse().c_str(), DescribeAccess(config, **access).c_str());
   std::fflush(stdout);
 
-  const int signal = ServeUntilSignal(signals, **store, **rpc, http->get());
+  const int signal = ServeUntilSignal(signals, **store, **access, **rpc, http->get());
   std::printf("%s: stopping; unfinished jobs go on at the next start\n", signal == SIGINT ? "SIGINT" : "SIGTERM");
   std::fflush(stdout);
   EndInAnyCase();

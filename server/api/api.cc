@@ -110,26 +110,20 @@ absl::Status Api::CheckOwner(const Method& method, const Caller& caller,
 
 absl::Status Api::Answer(const Method& method, const CallContext& context, const google::protobuf::Message& request,
                          google::protobuf::Message* response) {
-  if (absl::Status status = CheckRole(method, context.caller); !status.ok()) return status;
-  const bool changes = method.access.role >= Role::kOperator && !OnlyValidates(request);
-  return changes && access_ != nullptr ? Change(method, context, request, response)
-                                       : method.answer(request, response, context);
-}
-
-// The change is committed first, its entry in the audit log next, and then it is answered.
-absl::Status Api::Change(const Method& method, const CallContext& context, const google::protobuf::Message& request,
-                         google::protobuf::Message* response) {
-  const std::string& name = method.descriptor->full_name();
-  absl::Status status = access_->AuditReady();
+  absl::Status status = CheckRole(method, context.caller);
+  if (!status.ok()) return status;
+  const bool noted = access_ != nullptr && method.access.changes && !OnlyValidates(request);
+  if (noted) status = access_->AuditReady();
   if (status.ok()) status = CheckOwner(method, context.caller, request);
   if (status.ok()) status = method.answer(request, response, context);
-  const std::string resource = ResourceOf(request, *response);
-  if (status.ok()) {
-    access_->Audit(context.caller, name, resource);
-  } else {
-    access_->AuditRefusal(context.caller, name, resource, status);
-  }
+  if (noted) Note(method, context.caller, ResourceOf(request, *response), status);
   return status;
+}
+
+// After the change is committed, before it is answered.
+void Api::Note(const Method& method, const Caller& caller, const std::string& resource, const absl::Status& outcome) {
+  const std::string& name = method.descriptor->full_name();
+  outcome.ok() ? access_->Audit(caller, name, resource) : access_->AuditRefusal(caller, name, resource, outcome);
 }
 
 void Api::Call(const Method& method, CallContext context, const google::protobuf::Message& request,

@@ -61,8 +61,7 @@ class Api {
   void Drain() { feeds_.Drain(); }
 
  private:
-  absl::Status Change(const Method& method, const CallContext& context, const google::protobuf::Message& request,
-                      google::protobuf::Message* response);
+  void Note(const Method& method, const Caller& caller, const std::string& resource, const absl::Status& outcome);
   absl::Status CheckOwner(const Method& method, const Caller& caller, const google::protobuf::Message& request) const;
 
   UseCases& use_cases_;

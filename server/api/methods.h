@@ -19,6 +19,7 @@ namespace orbitune {
 // The method's option orbitune.v1.access.
 struct AccessRule {
   Role role = Role::kNone;                                   // the least that may call
+  bool changes = false;                                      // something: for the audit log
   const google::protobuf::FieldDescriptor* owned = nullptr;  // of the request: names what must be the caller's
   std::string collection;                                    // that it names one of: "jobs"
 };

@@ -39,7 +39,7 @@ std::string Printable(std::string text) {
 
 }  // namespace
 
-std::int64_t NowUs() {
+std::int64_t ClockUs() {
   return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
       .count();
 }
