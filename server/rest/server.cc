@@ -2,7 +2,10 @@
 // called from elsewhere: it leaves its result in a Slot.
 #include "server/rest/server.h"
 
+#include <fcntl.h>
 #include <sys/socket.h>
+#include <sys/uio.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -143,16 +146,23 @@ class Slot : public std::enable_shared_from_this<Slot<T>> {
 // A batch of a feed, as text: pieces of the runs' own, which watchers share, or one made here.
 struct Chunk {
   std::vector<net::const_buffer> text;
-  std::vector<StreamPart> parts;  // hold what `text` points into
-  std::shared_ptr<const std::string> own;
+  std::vector<StreamPart> parts;  // these hold what `text` points into
+  std::vector<std::shared_ptr<const std::string>> own;
   bool full = false;          // there may be more at once
   bool nothing_more = false;  // the first message is the last
   std::optional<absl::Status> end;
 };
 
-void Put(std::string own, Chunk& chunk) {
-  chunk.own = std::make_shared<const std::string>(std::move(own));
-  chunk.text = {net::buffer(*chunk.own)};
+net::const_buffer Keep(std::string text, Chunk& chunk) {
+  chunk.own.push_back(std::make_shared<const std::string>(std::move(text)));
+  return net::buffer(*chunk.own.back());
+}
+
+// As HTTP/1.1 has a chunk of a body.
+void Frame(Chunk& chunk) {
+  if (chunk.text.empty()) return;
+  chunk.text.insert(chunk.text.begin(), Keep(absl::StrCat(absl::Hex(net::buffer_size(chunk.text)), "\r\n"), chunk));
+  chunk.text.push_back(net::buffer(kChunkEnd));
 }
 
 Chunk ToChunk(Feed::Batch batch, bool sse) {
@@ -171,13 +181,51 @@ Chunk ToChunk(Feed::Batch batch, bool sse) {
     }
   }
   chunk.full = count == kBatch;
-  if (!lines.empty()) Put(std::move(lines), chunk);
+  if (!lines.empty()) chunk.text = {Keep(std::move(lines), chunk)};
   if (batch.end && !batch.end->ok()) {
     const std::string error = rest::ErrorJson(*batch.end);
-    Put(sse ? absl::StrCat("event: error\ndata: ", error, "\n\n") : error + "\n", chunk);
+    chunk.text = {Keep(sse ? absl::StrCat("event: error\ndata: ", error, "\n\n") : error + "\n", chunk)};
   }
   return chunk;
 }
+
+// A watcher's socket for the threads for streams, which send what goes at once: unlike the I/O thread, for which every
+// request waits, they step back behind the tuning. What is left is the I/O thread's; one of the two writes at a time.
+class Outlet {
+ public:
+  // A descriptor of its own, so that it is this watcher's whenever the connection is closed.
+  explicit Outlet(int socket) : socket_(fcntl(socket, F_DUPFD_CLOEXEC, 0)) {}
+  Outlet(const Outlet&) = delete;
+  Outlet& operator=(const Outlet&) = delete;
+  ~Outlet() {
+    if (socket_ >= 0) close(socket_);
+  }
+
+  // False if the other side has it.
+  bool Take() { return !taken_.exchange(true); }
+  void GiveBack() { taken_ = false; }
+
+  // Sends what goes without waiting and removes it from `text`.
+  void Send(std::vector<net::const_buffer>& text) const {
+    std::vector<iovec> pieces;
+    for (const net::const_buffer& piece : text) pieces.push_back({const_cast<void*>(piece.data()), piece.size()});
+    msghdr message{};
+    message.msg_iov = pieces.data();
+    message.msg_iovlen = std::min<std::size_t>(pieces.size(), kMostPieces);
+    const ssize_t sent = sendmsg(socket_, &message, MSG_DONTWAIT | MSG_NOSIGNAL);
+    auto left = sent > 0 ? static_cast<std::size_t>(sent) : 0;
+    auto first = text.begin();
+    for (; first != text.end() && left >= first->size(); ++first) left -= first->size();
+    if (first != text.end()) *first += left;
+    text.erase(text.begin(), first);
+  }
+
+ private:
+  static constexpr std::size_t kMostPieces = 1024;  // of a call; what is beyond is left
+
+  const int socket_;
+  std::atomic<bool> taken_ = false;
+};
 
 std::string HttpDate() {
   const std::time_t now = std::time(nullptr);
@@ -234,7 +282,9 @@ class Connection : public std::enable_shared_from_this<Connection> {
     bool sse;
     bool chunked;
     std::shared_ptr<Slot<Chunk>> slot;
-    std::string peer;  // HOST:PORT
+    std::string peer;                // HOST:PORT
+    std::shared_ptr<Outlet> outlet;  // once it has begun, and in the clear
+    bool begun = false;
   };
 
   // False if the connection is to be closed.
@@ -444,14 +494,22 @@ class Connection : public std::enable_shared_from_this<Connection> {
     ++core_.streams;
     const auto self = shared_from_this();
     net::co_spawn(core_.io, NoticeEnd(self, stream.feed), Report(core_));
+    stream.begun = true;
+    if (!stream_.secure()) stream.outlet = std::make_shared<Outlet>(stream_.socket().native_handle());
     co_await Pump(stream, std::move(first), target);
     --core_.streams;
   }
 
   // The feed may read the store and makes JSON: on a thread for that.
   static Core::Ask AskOf(const Stream& stream) {
-    return [feed = stream.feed, slot = stream.slot, sse = stream.sse](const std::shared_ptr<Core>& core) {
-      feed->Next(kBatch, [core, slot, sse](Feed::Batch batch) { slot->Put(core, ToChunk(std::move(batch), sse)); });
+    return [feed = stream.feed, slot = stream.slot, outlet = stream.outlet, sse = stream.sse,
+            framed = stream.begun && stream.chunked](const std::shared_ptr<Core>& core) {
+      feed->Next(kBatch, [core, slot, outlet, sse, framed](Feed::Batch batch) {
+        Chunk chunk = ToChunk(std::move(batch), sse);
+        if (framed) Frame(chunk);
+        if (outlet != nullptr && outlet->Take()) outlet->Send(chunk.text);
+        slot->Put(core, std::move(chunk));
+      });
     };
   }
 
@@ -470,9 +528,11 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   net::awaitable<void> Pump(Stream& stream, Chunk chunk, const std::string& target) {
     if (stream.sse) chunk.text.insert(chunk.text.begin(), net::buffer(kRetry));
+    if (stream.chunked) Frame(chunk);
     while (true) {
-      const bool alive = co_await WriteChunk(stream, chunk.text, target);
+      const bool alive = co_await WriteText(stream, chunk.text, target);
       if (!alive) co_return;
+      if (stream.outlet != nullptr) stream.outlet->GiveBack();
       if (chunk.end) break;
       if (chunk.full) {
         core_.PostAsks({AskOf(stream)});
@@ -482,8 +542,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
       while (true) {
         const bool filled = co_await stream.slot->WaitUntil(Clock::now() + core_.options.heartbeat);
         if (filled) break;
-        const std::vector<net::const_buffer> heartbeat{net::buffer(kHeartbeat)};
-        const bool there = !stream.sse || co_await WriteChunk(stream, heartbeat, target);
+        const bool there = co_await Beat(stream, target);
         if (!there) co_return;
       }
       chunk = stream.slot->Take();
@@ -491,16 +550,20 @@ class Connection : public std::enable_shared_from_this<Connection> {
     if (stream.chunked) co_await net::async_write(stream_, net::buffer(kLastChunk), kAwait);
   }
 
+  // Unless something is being sent right now.
+  net::awaitable<bool> Beat(const Stream& stream, const std::string& target) {
+    if (!stream.sse || (stream.outlet != nullptr && !stream.outlet->Take())) co_return true;
+    Chunk chunk;
+    chunk.text = {net::buffer(kHeartbeat)};
+    if (stream.chunked) Frame(chunk);
+    const bool there = co_await WriteText(stream, chunk.text, target);
+    if (stream.outlet != nullptr) stream.outlet->GiveBack();
+    co_return there;
+  }
+
   // False if the connection is to be closed.
-  net::awaitable<bool> WriteChunk(const Stream& stream, std::vector<net::const_buffer> text,
-                                  const std::string& target) {
+  net::awaitable<bool> WriteText(const Stream& stream, std::vector<net::const_buffer> text, const std::string& target) {
     if (text.empty()) co_return true;
-    std::string size;
-    if (stream.chunked) {
-      size = absl::StrCat(absl::Hex(net::buffer_size(text)), "\r\n");
-      text.insert(text.begin(), net::buffer(size));
-      text.push_back(net::buffer(kChunkEnd));
-    }
     stream_.expires_after(core_.options.stall_time);
     const auto [error, count] = co_await net::async_write(stream_, text, kAwait);
     if (error == beast::error::timeout) {
@@ -637,10 +700,7 @@ class HttpServerImpl final : public HttpServer {
         core_->api,
         rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback, core_->options.metrics});
     net::co_spawn(core_->io, Accept(*core_, acceptor_), Report(*core_));
-    thread_ = std::thread([this] {
-      AddNice(kStreamNice);
-      core_->io.run();
-    });
+    thread_ = std::thread([this] { core_->io.run(); });
   }
 
   const std::string& address() const override { return address_; }
