@@ -134,6 +134,12 @@ void Gateway::HandleRoute(const RouteTable::Match& match, const std::shared_ptr<
                                                                    FormatReceived(request.header("Content-Type")))),
                            415));
   }
+  if (const std::string_view coding = request.header("Content-Encoding"); !coding.empty()) {
+    return Send(*exchange,
+                ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Encoding: a request is sent as it is, got ",
+                                                                   FormatReceived(coding))),
+                           415));
+  }
   if (match.route->method->open != nullptr) return Send(*exchange, OpenStream(match, *exchange));
   const bool posted =
       api_.executors().For(match.route->method->work).TryPost([self = shared_from_this(), match, exchange] {

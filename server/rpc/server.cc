@@ -1,5 +1,6 @@
 #include "server/rpc/server.h"
 
+#include <google/protobuf/stubs/logging.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
@@ -132,10 +133,18 @@ class GainsService final : public ApiService<v1::GainService> {
   }
 };
 
+// gRPC unpacks a message before it measures it: 16 MiB could become 16 GiB.
+void RefuseCompressedRequests(grpc::ServerBuilder& builder) {
+  builder.AddChannelArgument(GRPC_ARG_ENABLE_PER_MESSAGE_DECOMPRESSION, 0);
+  builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
+  builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
+}
+
 class RpcServerImpl final : public RpcServer {
  public:
   RpcServerImpl(const std::string& address, Api& api)
       : api_(api), tuning_(api), campaigns_(api), gains_(api), scenarios_(api), simulation_(api) {
+    google::protobuf::SetLogHandler(nullptr);  // what a client sends wrong is answered, and does not fill the log
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.
@@ -148,6 +157,7 @@ class RpcServerImpl final : public RpcServer {
     builder.RegisterService(&scenarios_);
     builder.RegisterService(&simulation_);
     builder.SetMaxReceiveMessageSize(kLargestRequestBytes);
+    RefuseCompressedRequests(builder);
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 20'000);
