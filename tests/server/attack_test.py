@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """The attack list: what hostile clients send, over gRPC and HTTP, to a server of its own.
 
-    attack_test.py ORBITUNED REPOSITORY
+    attack_test.py ORBITUNED REPOSITORY [ATTACK...]
 
 Every attack must meet a clean refusal (or harmlessly succeed): never an internal error, a crash, a stall, another's data
 or another's memory. Afterwards the server is alive, what was stored before is what it was, and memory is flat. The
@@ -282,7 +282,7 @@ def oversized(server, api, canary):
     """A request of 17 MiB, 1,000 headers, a header of a megabyte, a filter and a map without end."""
     code, _, _ = api.call(f"{TUNING}.CreateJob", {"job": {**SMALL, "display_name": "x" * (17 * MIB)}})
     assert code == grpc.StatusCode.RESOURCE_EXHAUSTED, code
-    labels = {f"key{i}": "v" * 100 for i in range(50_000)}
+    labels = {f"key{i}": "v" * 100 for i in range(5_000)}
     code, _, _ = api.call(f"{TUNING}.CreateJob", {"job": {**SMALL, "labels": labels}})
     assert code == grpc.StatusCode.INVALID_ARGUMENT, code
     code, _, _ = api.call(f"{TUNING}.ListJobs", {"filter": " AND ".join(['labels.a = "b"'] * 100_000)})
@@ -478,7 +478,7 @@ def all_jobs_end(api):
 
 
 def main():
-    binary, repository = sys.argv[1:]
+    binary, repository, *chosen = sys.argv[1:]
     with tempfile.TemporaryDirectory() as directory:
         server = Server(binary, directory)
         try:
@@ -488,7 +488,7 @@ def main():
             until(lambda: api.call(f"{TUNING}.GetJob", {"name": job.name})[2].state >= 4)
             before, schema = stored(api, job.name), tables(server)
             resident = server.memory_mib("VmRSS")
-            for attack in ATTACKS:
+            for attack in [attack for attack in ATTACKS if not chosen or attack.__name__ in chosen]:
                 begin = time.monotonic()
                 told = attack(server, api, job.name)
                 assert server.process.poll() is None, f"{attack.__name__} has ended the server:\n{server.text()[-3000:]}"
