@@ -296,33 +296,30 @@ def oversized(server, api, canary):
     assert code == 431, code
     head = b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
     assert b" 413 " in raw(server.http, head + b"Content-Length: 1073741824\r\n\r\n").split(b"\r\n")[0]
-    # A gigabyte in chunks, until the server has had enough.
+    # Chunks without end, until the server has had enough.
     host, port = server.http.rsplit(":", 1)
     with socket.create_connection((host, int(port)), timeout=PATIENCE_S) as connection:
         connection.sendall(head + b"Transfer-Encoding: chunked\r\n\r\n")
-        sent = 0
+        deadline = time.monotonic() + PATIENCE_S
         try:
-            while sent < 1024:
+            while time.monotonic() < deadline:
                 connection.sendall(b"100000\r\n" + b" " * MIB + b"\r\n")
-                sent += 1
+            raise AssertionError("it takes chunks without end")
         except ConnectionError:
             pass
-    assert sent < 1024, "it took all of it"
 
 
 def decompression_bombs(server, api, canary):
     """A gRPC message and an HTTP body that grow by a factor of a thousand."""
     before = server.memory_mib("VmHWM")
-    # compressed: 200 MiB of one character in 200 KiB
-    request = api.request(f"{TUNING}.CreateJob", {"job": {**SMALL, "display_name": "x" * (200 * MIB)}}).SerializeToString()
-    code, _, _ = api.send(f"{TUNING}.CreateJob", request, compression=grpc.Compression.Gzip)
+    code, _, _ = api.send(f"{TUNING}.CreateJob", b"x" * (100 * MIB), compression=grpc.Compression.Gzip)
     assert code in (grpc.StatusCode.RESOURCE_EXHAUSTED, grpc.StatusCode.UNIMPLEMENTED), code
-    packed = gzip.compress(b"[" * (100 * MIB))
+    packed = gzip.compress(b"[" * (100 * MIB), 1)
     code, _, body = http_request(server, "POST", "/v1/jobs", packed,
                                  {"Content-Type": "application/json", "Content-Encoding": "gzip"})
     assert code == 415, (code, body)
     grown = server.memory_mib("VmHWM") - before
-    assert grown < 100 * memory_factor(server), f"{grown} MiB for a bomb"
+    assert grown < 50 * memory_factor(server), f"{grown} MiB for a bomb"
     return f"peak {grown:.0f} MiB higher"
 
 
@@ -401,16 +398,18 @@ def broken_http2(server, api, canary):
     preface = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
     settings = frame(4, 0, 0, b"")
     generator = random.Random(2)
-    for data in (b"GET / HTTP/1.1\r\n\r\n", b"\x16\x03\x01\x02\x00\x01\x00", preface[:10], preface + b"\xff" * 5000,
-                 preface + settings + frame(1, 4, 0, b""),  # HEADERS on stream 0
-                 preface + settings + frame(0, 0, 1, b"x" * 100),  # DATA on a stream that is not open
-                 preface + settings + frame(1, 0, 1, headers()) + frame(9, 0, 1, b"") * 5000,  # CONTINUATION without end
-                 preface + settings + frame(8, 0, 0, b"\x7f\xff\xff\xff") * 3,  # windows beyond the largest
-                 preface + settings + frame(6, 0, 0, b"12345678") * 2000,  # PING
-                 preface + frame(4, 0, 0, b"\x00\x03\x00\x00\x00\x01") * 2000,  # SETTINGS
-                 preface + settings + struct.pack(">I", 0xffffff00)[:3] + b"\0\0\0\0\0\1",  # a frame of 16 MiB
-                 preface + settings + generator.randbytes(20_000)):
-        raw(server.grpc, data)
+    hostile = [
+        b"GET / HTTP/1.1\r\n\r\n", b"\x16\x03\x01\x02\x00\x01\x00", preface[:10], preface + b"\xff" * 5000,
+        preface + settings + frame(1, 4, 0, b""),  # HEADERS on stream 0
+        preface + settings + frame(0, 0, 1, b"x" * 100),  # DATA on a stream that is not open
+        preface + settings + frame(1, 0, 1, headers()) + frame(9, 0, 1, b"") * 5000,  # CONTINUATION without end
+        preface + settings + frame(8, 0, 0, b"\x7f\xff\xff\xff") * 3,  # windows beyond the largest
+        preface + settings + frame(6, 0, 0, b"12345678") * 2000,  # PING
+        preface + frame(4, 0, 0, b"\x00\x03\x00\x00\x00\x01") * 2000,  # SETTINGS
+        preface + settings + struct.pack(">I", 0xffffff00)[:3] + b"\0\0\0\0\0\1",  # a frame of 16 MiB
+        preface + settings + generator.randbytes(20_000)]
+    with concurrent.futures.ThreadPoolExecutor(len(hostile)) as pool:
+        list(pool.map(lambda data: raw(server.grpc, data), hostile))
     resets = b"".join(frame(1, 5, stream, headers()) + frame(3, 0, stream, b"\0\0\0\x08") for stream in range(1, 4001, 2))
     raw(server.grpc, preface + settings + resets)
 
