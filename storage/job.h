@@ -13,6 +13,7 @@
 #include "core/scenario/scenario.h"
 #include "core/search/objective.h"
 #include "core/search/search.h"
+#include "storage/provenance.h"
 
 namespace orbitune {
 
@@ -26,6 +27,9 @@ inline bool IsTerminal(JobState state) {
 // Microseconds since the Unix epoch, UTC.
 using TimeUs = std::int64_t;
 
+inline constexpr int kLowestPriority = -4;
+inline constexpr int kHighestPriority = 4;
+
 // Everything a job's results are a function of, and how its owner calls it. Never changes.
 struct JobSpec {
   std::string display_name;
@@ -36,6 +40,9 @@ struct JobSpec {
   Objective objective;                         // over the costs of several
   std::string warm_start;   // jobs/ID or gainSets/ID, whose gains scenario.search.initial_gains are; else empty
   std::string campaign_id;  // that the job is part of; else empty
+  std::string owner;        // name of the token that created it; empty: nobody's
+  std::string peer;         // IP address that it came from, where it has no owner
+  int priority = 0;         // in [kLowestPriority, kHighestPriority]; of the workers' time it gets 2^priority parts
 
   // What is flown.
   std::span<const OrbitState> starts() const {
@@ -141,6 +148,8 @@ struct JobRecord {
   std::vector<double> checkpoint;       // the search's before `latest`; of a job that has not ended
   std::optional<JobReport> report;
   std::string error_message;
+  TimeUs iterations_removed_us = 0;  // when its iterations but first, best and latest were removed; 0: all are there
+  std::optional<Provenance> provenance;  // none: it ended under a server that kept none
 
   int completed_iterations() const { return latest ? latest->iteration : 0; }
 };

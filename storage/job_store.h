@@ -3,12 +3,14 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <string>
 #include <vector>
 
 #include "storage/campaign_store.h"
 #include "storage/gain_store.h"
 #include "storage/job.h"
+#include "storage/retention_store.h"
 
 namespace orbitune {
 
@@ -23,6 +25,7 @@ struct JobFilter {
   std::vector<std::string> scenario_ids;      // any of; empty: every one
   std::vector<std::string> not_scenario_ids;  // none of
   std::vector<Label> labels;                  // all of
+  std::vector<std::string> texts;             // each somewhere in id, scenario, title or a label, "key=value"
   std::string campaign_id;                    // only this one's jobs; empty: only those that are part of none
 };
 
@@ -40,10 +43,17 @@ struct JobQuery {
   std::optional<Cursor> after;
 };
 
+// A stretch of a job's iterations, both ends included; beyond the newest there are none.
+struct IterationRange {
+  int first = 1;
+  int last = std::numeric_limits<int>::max();
+};
+
 // Thread-safe. Callbacks run on the writer's thread, in the order of the calls, and must not block or call back into
-// a write that waits. A write that fails for want of a working disk is tried again until it succeeds or the store is
-// closed (then: UNAVAILABLE, and only the next store opened can tell whether it is on disk); `ok_for_now()` tells
-// which.
+// a write that waits. While the disk fails (`ok_for_now()` tells) what a job or a campaign has done is tried again
+// until it succeeds or the store is closed; creations, deletions and gain sets, which somebody can ask for again, are
+// answered UNAVAILABLE at once. After UNAVAILABLE only a read, or the next store opened, can tell whether it is on
+// disk.
 class JobStore {
  public:
   using Done = std::function<void(absl::Status)>;
@@ -62,10 +72,8 @@ class JobStore {
                          Created done) = 0;
 
   // seq: the job's last one + 1; the record's iteration: its latest + 1. Keeps latest, first and best up to date.
-  // checkpoint: the search's before the iteration (may be empty); takes the place of the one before, in the same commit
-  // as the iteration.
   virtual void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                               std::vector<double> checkpoint, Done done) = 0;
+                               Continuation continuation, Done done) = 0;
 
   // seq: the job's last one + 1. Sets start_time at the first kRunning, end_time at a terminal state. Stores
   // change.gain_set, if there is one, in the same commit.
@@ -83,23 +91,26 @@ class JobStore {
   // In kQueued, kRunning or kPaused, oldest first.
   virtual absl::StatusOr<std::vector<JobRecord>> ListUnfinishedJobs() const = 0;
 
-  // Iterations after `after_iteration`, ascending, at most `limit`. NOT_FOUND for an unknown job.
+  // Iterations after `after_iteration`, ascending, at most `limit`. NOT_FOUND for an unknown job; FAILED_PRECONDITION
+  // (reason ITERATIONS_REMOVED) where they were removed.
   virtual absl::StatusOr<std::vector<IterationRecord>> ListIterations(const std::string& id, int after_iteration,
                                                                       int limit) const = 0;
 
-  // At most `max_points` (>= 16) of all the job's iterations, ascending: all, where there are no more; else the first,
-  // the last, the best, and of equal stretches of the history the iteration of least and that of greatest cost, one
-  // without a cost counting as the greatest. NOT_FOUND for an unknown job.
-  virtual absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id,
+  // At most `max_points` (>= 16) of the job's iterations in `range`, ascending: all, where there are no more; else the
+  // first, the last, the best, and of equal stretches of the range the iteration of least and that of greatest cost,
+  // one without a cost counting as the greatest. NOT_FOUND for an unknown job.
+  virtual absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, IterationRange range,
                                                                         int max_points) const = 0;
 
-  // Events after `after_seq`, ascending and dense, at most `limit`. NOT_FOUND for an unknown job.
+  // Events after `after_seq`, ascending and dense, at most `limit`; not dense where iterations were removed: those that
+  // are left. NOT_FOUND for an unknown job.
   virtual absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after_seq,
                                                            int limit) const = 0;
 
   // Lives as long as the store.
   virtual CampaignStore& campaigns() = 0;
   virtual GainStore& gains() = 0;
+  virtual RetentionStore& retention() = 0;
 
   // Returns once every write queued before the call is committed, or the store is closed.
   virtual void Flush() = 0;

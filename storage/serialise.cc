@@ -170,6 +170,9 @@ void VisitFields(T& s, V&& visit) {
   visit.Later("objective", s.objective);
   visit.Later("warm_start", s.warm_start);
   visit.Later("campaign_id", s.campaign_id);
+  visit.Later("owner", s.owner);
+  visit.Later("peer", s.peer);
+  visit.Later("priority", s.priority);
 }
 
 template <Is<EpisodeReport> T, typename V>
@@ -229,6 +232,23 @@ void VisitFields(T& s, V&& visit) {
   visit("episodes", s.episodes);
 }
 
+template <Is<EngineStretch> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("first_iteration", s.first_iteration);
+  visit("version", s.engine.version);
+  visit("simd_target", s.engine.simd_target);
+  visit("fused_multiply_add", s.engine.fused_multiply_add);
+  visit("libraries", s.engine.libraries);
+}
+
+template <Is<Provenance> T, typename V>
+void VisitFields(T& s, V&& visit) {
+  visit("scenario_digest", s.scenario_digest);
+  visit("inputs_digest", s.inputs_digest);
+  visit("backfilled", s.backfilled);
+  visit("engines", s.engines);
+}
+
 template <Is<Certificate> T, typename V>
 void VisitFields(T& s, V&& visit) {
   visit("gains_positive", s.gains_positive);
@@ -261,6 +281,7 @@ void VisitFields(T& s, V&& visit) {
   visit("seed", s.seed);
   visit("engine_version", s.engine_version);
   visit("origin", s.origin);
+  visit.Later("history_digest", s.history_digest);
   visit("flight", s.flight);
 }
 
@@ -326,6 +347,9 @@ void VisitFields(T& s, V&& visit) {
   visit("held_out_draws", s.held_out_draws);
   visit("tune_held_out", s.tune_held_out);
   visit("robust", s.robust);
+  visit.Later("owner", s.owner);
+  visit.Later("peer", s.peer);
+  visit.Later("priority", s.priority);
 }
 
 template <Is<MemberEpisode> T, typename V>
@@ -651,6 +675,14 @@ absl::StatusOr<JobReport> JobReportFromJson(std::string_view text) { return From
 std::string ToJson(const Scenario& scenario) { return Dump(Encode(scenario)); }
 
 absl::StatusOr<Scenario> ScenarioFromJson(std::string_view text) { return FromJson<Scenario>(text, "scenario"); }
+
+std::string ToJson(const Provenance& provenance) { return Encode(provenance).dump(); }
+
+std::string ToJson(const EngineStretch& stretch) { return Encode(stretch).dump(); }
+
+absl::StatusOr<Provenance> ProvenanceFromJson(std::string_view text) {
+  return FromJson<Provenance>(text, "provenance");
+}
 
 std::string GainSetDocument(const GainSet& set) { return Dump(Encode(set)); }
 

@@ -32,6 +32,11 @@ absl::StatusOr<JobReport> JobReportFromJson(std::string_view text);
 std::string ToJson(const Scenario& scenario);
 absl::StatusOr<Scenario> ScenarioFromJson(std::string_view text);
 
+// All but the newest digest, which has a column of its own.
+std::string ToJson(const Provenance& provenance);
+std::string ToJson(const EngineStretch& stretch);
+absl::StatusOr<Provenance> ProvenanceFromJson(std::string_view text);
+
 // Of a gain set what the columns of its table do not hold.
 std::string GainSetDocument(const GainSet& set);
 absl::Status ReadGainSetDocument(std::string_view text, GainSet& set);

@@ -5,6 +5,7 @@
 #include "storage/serialise.h"
 #include "storage/sqlite_campaign_queries.h"
 #include "storage/sqlite_campaign_tables.h"
+#include "storage/sqlite_provenance.h"
 
 namespace orbitune {
 namespace {
@@ -21,6 +22,7 @@ absl::StatusOr<CampaignDocuments> DocumentsOf(const CampaignSpec& spec, std::vec
       absl::StatusOr<std::string> job_spec = ToJson(*member.job);
       if (!job_spec.ok()) return job_spec.status();
       row.job_spec_json = *std::move(job_spec);
+      row.job_provenance = NewProvenance(*member.job);
     }
     const OrbitState& state = member.member.initial_condition;
     if (!std::holds_alternative<std::monostate>(state)) row.initial_condition_json = ToJson(state);
@@ -33,12 +35,12 @@ absl::StatusOr<CampaignDocuments> DocumentsOf(const CampaignSpec& spec, std::vec
 }  // namespace
 
 template <typename Apply>
-void SqliteCampaignStore::Queue(Apply apply, Done done) {
+void SqliteCampaignStore::Queue(Apply apply, Done done, bool refusable) {
   const auto run = [this, apply = std::move(apply)](JobTables& jobs) {
     CampaignTables tables(writing_, jobs);
     return apply(tables);
   };
-  writer_.Queue({.apply = run, .answer = std::move(done)});
+  writer_.Queue({.apply = run, .answer = std::move(done), .refusable = refusable});
 }
 
 template <typename Apply>
@@ -49,9 +51,10 @@ void SqliteCampaignStore::QueueWritten(Apply apply, Written done) {
     if (result.ok()) *written = *std::move(result);
     return result.status();
   };
-  Queue(run, [written, done = std::move(done)](absl::Status status) {
+  const auto answer = [written, done = std::move(done)](absl::Status status) {
     status.ok() ? done(std::move(*written)) : done(std::move(status));
-  });
+  };
+  Queue(run, answer, /*refusable=*/true);
 }
 
 // In its turn, with a status of the writer's own.
@@ -107,7 +110,7 @@ void SqliteCampaignStore::EndCampaign(const std::string& id, std::int64_t seq, C
 }
 
 void SqliteCampaignStore::DeleteCampaign(const std::string& id, Done done) {
-  Queue([id](CampaignTables& tables) { return tables.DeleteCampaign(id); }, std::move(done));
+  Queue([id](CampaignTables& tables) { return tables.DeleteCampaign(id); }, std::move(done), /*refusable=*/true);
 }
 
 absl::StatusOr<std::optional<CampaignRecord>> SqliteCampaignStore::FindRequest(

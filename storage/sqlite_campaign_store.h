@@ -36,7 +36,7 @@ class SqliteCampaignStore final : public CampaignStore {
   void QueueWritten(Apply apply, Written done);
   void Refuse(const absl::Status& fault, Written done);
   template <typename Apply>
-  void Queue(Apply apply, Done done);
+  void Queue(Apply apply, Done done, bool refusable = false);
 
   Connection& writing_;
   SqliteWriter& writer_;

@@ -81,6 +81,7 @@ absl::Status CampaignTables::InsertMembers(const std::string& id, TimeUs time_us
       auto job = jobs_.CreateJob({.id = member.job_id,
                                   .spec = *row.member.job,
                                   .spec_json = row.job_spec_json,
+                                  .provenance = row.job_provenance,
                                   .time_us = time_us,
                                   .request_id = {},
                                   .request_digest = {}});

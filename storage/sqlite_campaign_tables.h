@@ -14,6 +14,7 @@ struct MemberRow {
   NewMember member;
   std::optional<std::string> initial_condition_json;
   std::string job_spec_json;
+  Provenance job_provenance;
 };
 
 struct CampaignDocuments {

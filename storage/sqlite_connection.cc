@@ -30,6 +30,8 @@ absl::StatusCode CodeOf(int result) {
     case SQLITE_CORRUPT:
     case SQLITE_NOTADB:
       return absl::StatusCode::kDataLoss;
+    case SQLITE_INTERRUPT:
+      return absl::StatusCode::kCancelled;
     default:
       return absl::StatusCode::kInternal;
   }
@@ -201,6 +203,17 @@ absl::Status Connection::Execute(const std::string& script) {
   const int result = sqlite3_exec(db_, script.c_str(), nullptr, nullptr, nullptr);
   return result == SQLITE_OK ? absl::OkStatus() : Error(result);
 }
+
+absl::Status Connection::CopyFrom(Connection& source) {
+  sqlite3_backup* backup = sqlite3_backup_init(db_, "main", source.db_, "main");
+  if (backup == nullptr) return Error(sqlite3_extended_errcode(db_));
+  const int step = sqlite3_backup_step(backup, -1);
+  const int finish = sqlite3_backup_finish(backup);
+  if (step == SQLITE_DONE && finish == SQLITE_OK) return absl::OkStatus();
+  return Error(step == SQLITE_DONE ? finish : step);
+}
+
+void Connection::Interrupt() { sqlite3_interrupt(db_); }
 
 bool Connection::read_only() const { return sqlite3_db_readonly(db_, "main") == 1; }
 

@@ -97,7 +97,7 @@ class Statement {
 };
 
 // Not thread-safe: one thread at a time. Errors: UNAVAILABLE where the disk, a lock or memory fails, and trying again
-// may help; DATA_LOSS where the file is damaged or not a database; INTERNAL for the rest.
+// may help; DATA_LOSS where the file is damaged or not a database; CANCELLED after Interrupt; INTERNAL for the rest.
 class Connection {
  public:
   enum class Mode { kReadOnly, kReadWrite /* creates the file */ };
@@ -123,6 +123,12 @@ class Connection {
   absl::StatusOr<std::int64_t> QueryInt(std::string_view sql);
   // Several statements without parameters, uncached.
   absl::Status Execute(const std::string& script);
+
+  // Makes this database a copy of another as it is at one moment, whoever writes to that meanwhile.
+  absl::Status CopyFrom(Connection& source);
+
+  // From any thread: ends the statement that runs.
+  void Interrupt();
 
   const std::string& path() const { return path_; }
   bool read_only() const;

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
+#include "storage/sqlite_provenance.h"
 
 namespace orbitune {
 namespace {
@@ -17,6 +18,7 @@ struct JobProgress {
   std::int64_t key = 0;
   std::int64_t last_seq = 0;
   std::int64_t iterations = 0;
+  TimeUs iterations_removed_us = 0;
 };
 
 // A job as its own row and document have it; the iterations are still to be read.
@@ -31,7 +33,9 @@ std::string SelectJobs(std::string_view report, std::string_view tail) {
       "SELECT jobs.key, id, state, create_time_us, start_time_us, end_time_us, update_time_us, last_seq, "
       "state_changes, iterations, best_iteration, error_message, spec, ",
       ToAbsl(report),
-      ", doubles FROM jobs JOIN job_documents ON job_documents.job = jobs.key LEFT JOIN checkpoints ON checkpoints.job "
+      ", doubles, provenance, digest, iterations_removed_us FROM jobs JOIN job_documents ON job_documents.job = "
+      "jobs.key LEFT JOIN "
+      "checkpoints ON checkpoints.job "
       "= "
       "jobs.key",
       ToAbsl(tail));
@@ -66,6 +70,12 @@ absl::StatusOr<JobRow> JobRowIn(const Statement& row) {
     record.report = *std::move(report);
   }
   record.checkpoint = row.Doubles(14);
+  if (!row.IsNull(15)) {
+    absl::StatusOr<Provenance> provenance = ReadProvenance(row.Text(15), row.Text(16));
+    if (!provenance.ok()) return InJob(record.id, provenance.status());
+    record.provenance = *std::move(provenance);
+  }
+  record.iterations_removed_us = row.Int(17);
   return job;
 }
 
@@ -106,12 +116,25 @@ absl::StatusOr<JobRecord> WithIterations(Connection& connection, JobRow row) {
 }
 
 absl::StatusOr<JobProgress> ReadProgress(Connection& connection, const std::string& id) {
-  auto statement = connection.Prepare("SELECT key, last_seq, iterations FROM jobs WHERE id = ?");
+  auto statement = connection.Prepare("SELECT key, last_seq, iterations, iterations_removed_us FROM jobs WHERE id = ?");
   if (!statement.ok()) return statement.status();
   const absl::StatusOr<bool> row = statement->Bind(id).Step();
   if (!row.ok()) return row.status();
   if (!*row) return JobNotFound(id);
-  return JobProgress{.key = statement->Int(0), .last_seq = statement->Int(1), .iterations = statement->Int(2)};
+  return JobProgress{.key = statement->Int(0),
+                     .last_seq = statement->Int(1),
+                     .iterations = statement->Int(2),
+                     .iterations_removed_us = statement->Int(3)};
+}
+
+// OK if the whole history is there.
+absl::Status CheckNotRemoved(const std::string& id, const JobProgress& progress) {
+  if (progress.iterations_removed_us == 0) return absl::OkStatus();
+  return WithReason(
+      absl::FailedPreconditionError(absl::StrCat("the iterations of jobs/", id,
+                                                 " were removed, as this server keeps them for a time only; the job "
+                                                 "itself still has the first, the best and the last")),
+      "ITERATIONS_REMOVED");
 }
 
 // The iterations of least and of greatest cost within one stretch of a history.
@@ -129,12 +152,12 @@ struct Extremes {
 };
 
 // Which iterations JobStore::SampleIterations shows of a history that has more than max_points. Reads two columns.
-absl::StatusOr<std::set<std::int64_t>> PickIterations(Connection& connection, const JobProgress& progress,
-                                                      int max_points) {
-  std::set<std::int64_t> picked{1, progress.iterations};
-  auto best = connection.Prepare("SELECT best_iteration FROM jobs WHERE key = ? AND best_iteration IS NOT NULL");
+absl::StatusOr<std::set<std::int64_t>> PickIterations(Connection& connection, std::int64_t job_key,
+                                                      IterationRange range, int max_points) {
+  std::set<std::int64_t> picked{range.first, range.last};
+  auto best = connection.Prepare("SELECT best_iteration FROM jobs WHERE key = ? AND best_iteration BETWEEN ? AND ?");
   if (!best.ok()) return best.status();
-  absl::Status status = best->Bind(progress.key).ForEachRow([&] {
+  absl::Status status = best->Bind(job_key, range.first, range.last).ForEachRow([&] {
     picked.insert(best->Int(0));
     return absl::OkStatus();
   });
@@ -142,11 +165,12 @@ absl::StatusOr<std::set<std::int64_t>> PickIterations(Connection& connection, co
 
   std::vector<Extremes> stretches(static_cast<std::size_t>((max_points - 3) / 2));
   const auto count = static_cast<std::int64_t>(stretches.size());
-  auto rows = connection.Prepare("SELECT iteration, cost FROM iterations WHERE job = ? AND iteration BETWEEN 1 AND ?");
+  const std::int64_t span = static_cast<std::int64_t>(range.last) - range.first + 1;
+  auto rows = connection.Prepare("SELECT iteration, cost FROM iterations WHERE job = ? AND iteration BETWEEN ? AND ?");
   if (!rows.ok()) return rows.status();
-  status = rows->Bind(progress.key, progress.iterations).ForEachRow([&] {
+  status = rows->Bind(job_key, range.first, range.last).ForEachRow([&] {
     const std::int64_t iteration = rows->Int(0);
-    stretches[static_cast<std::size_t>((iteration - 1) * count / progress.iterations)].Add(iteration, rows->Real(1));
+    stretches[static_cast<std::size_t>((iteration - range.first) * count / span)].Add(iteration, rows->Real(1));
     return absl::OkStatus();
   });
   if (!status.ok()) return status;
@@ -220,6 +244,36 @@ absl::StatusOr<StateChanges> ReadStateChanges(Connection& connection, std::int64
   return changes;
 }
 
+// Events after after_seq of a job whose iterations were removed: its state changes, and the iterations that are left.
+absl::StatusOr<std::vector<JobEvent>> ReadEventsLeft(Connection& connection, const std::string& id,
+                                                     const JobProgress& progress, std::int64_t after_seq, int limit) {
+  absl::StatusOr<StateChanges> changes = ReadStateChanges(connection, progress.key, 0, progress.last_seq);
+  if (!changes.ok()) return InJob(id, changes.status());
+  std::vector<JobEvent> events = std::move(changes->events);
+  const std::size_t change_count = events.size();
+  auto best = connection.Prepare("SELECT coalesce(best_iteration, 1) FROM jobs WHERE key = ?");
+  if (!best.ok()) return best.status();
+  std::set<std::int64_t> left{1, progress.iterations};
+  absl::Status status = best->Bind(progress.key).ForEachRow([&] {
+    left.insert(best->Int(0));
+    return absl::OkStatus();
+  });
+  if (!status.ok()) return status;
+  for (const std::int64_t iteration : left) {
+    const auto record = ReadIterations(connection, progress.key, iteration, 1);
+    if (!record.ok()) return InJob(id, record.status());
+    if (record->empty() || record->front().iteration != iteration) return MissingIteration(id, iteration);
+    // Iterations have the numbers that state changes leave free.
+    std::int64_t seq = iteration;
+    for (std::size_t i = 0; i < change_count; ++i) seq += events[i].seq <= seq ? 1 : 0;
+    events.push_back({.seq = seq, .what = record->front()});
+  }
+  std::ranges::sort(events, {}, &JobEvent::seq);
+  std::erase_if(events, [&](const JobEvent& event) { return event.seq <= after_seq; });
+  if (events.size() > static_cast<std::size_t>(std::max(limit, 0))) events.resize(static_cast<std::size_t>(limit));
+  return events;
+}
+
 }  // namespace
 
 absl::Status JobNotFound(const std::string& id) {
@@ -269,6 +323,7 @@ absl::StatusOr<std::vector<IterationRecord>> ReadIterationsOf(Connection& connec
                                                               int after_iteration, int limit) {
   const absl::StatusOr<JobProgress> progress = ReadProgress(connection, id);
   if (!progress.ok()) return progress.status();
+  if (absl::Status status = CheckNotRemoved(id, *progress); !status.ok()) return status;
   const std::int64_t after = std::max(after_iteration, 0);
   const std::int64_t count = std::clamp<std::int64_t>(progress->iterations - after, 0, std::max(limit, 0));
   auto records = ReadIterations(connection, progress->key, after + 1, count);
@@ -281,11 +336,16 @@ absl::StatusOr<std::vector<IterationRecord>> ReadIterationsOf(Connection& connec
 }
 
 absl::StatusOr<std::vector<IterationRecord>> SampleIterationsOf(Connection& connection, const std::string& id,
-                                                                int max_points) {
+                                                                IterationRange range, int max_points) {
   const absl::StatusOr<JobProgress> progress = ReadProgress(connection, id);
   if (!progress.ok()) return progress.status();
-  if (progress->iterations <= max_points) return ReadIterationsOf(connection, id, 0, max_points);
-  const auto picked = PickIterations(connection, *progress, max_points);
+  if (absl::Status status = CheckNotRemoved(id, *progress); !status.ok()) return status;
+  range.first = std::max(range.first, 1);
+  range.last = static_cast<int>(std::min<std::int64_t>(range.last, progress->iterations));
+  const std::int64_t count = static_cast<std::int64_t>(range.last) - range.first + 1;
+  if (count <= 0) return std::vector<IterationRecord>();
+  if (count <= max_points) return ReadIterationsOf(connection, id, range.first - 1, static_cast<int>(count));
+  const auto picked = PickIterations(connection, progress->key, range, max_points);
   if (!picked.ok()) return InJob(id, picked.status());
   std::vector<IterationRecord> records;
   for (const std::int64_t iteration : *picked) {
@@ -301,6 +361,7 @@ absl::StatusOr<std::vector<JobEvent>> ReadEventsOf(Connection& connection, const
                                                    std::int64_t after_seq, int limit) {
   const absl::StatusOr<JobProgress> progress = ReadProgress(connection, id);
   if (!progress.ok()) return progress.status();
+  if (progress->iterations_removed_us != 0) return ReadEventsLeft(connection, id, *progress, after_seq, limit);
   const std::int64_t after = std::clamp<std::int64_t>(after_seq, 0, progress->last_seq);
   const std::int64_t last = after + std::min<std::int64_t>(progress->last_seq - after, std::max(limit, 0));
   absl::StatusOr<StateChanges> changes = ReadStateChanges(connection, progress->key, after, last);

@@ -28,7 +28,7 @@ absl::StatusOr<std::vector<IterationRecord>> ReadIterations(Connection& connecti
 absl::StatusOr<std::vector<IterationRecord>> ReadIterationsOf(Connection& connection, const std::string& id,
                                                               int after_iteration, int limit);
 absl::StatusOr<std::vector<IterationRecord>> SampleIterationsOf(Connection& connection, const std::string& id,
-                                                                int max_points);
+                                                                IterationRange range, int max_points);
 absl::StatusOr<std::vector<JobEvent>> ReadEventsOf(Connection& connection, const std::string& id,
                                                    std::int64_t after_seq, int limit);
 

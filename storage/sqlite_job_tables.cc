@@ -4,6 +4,7 @@
 #include "storage/serialise.h"
 #include "storage/sqlite_gain_tables.h"
 #include "storage/sqlite_job_queries.h"
+#include "storage/sqlite_provenance.h"
 
 namespace orbitune {
 namespace {
@@ -82,18 +83,20 @@ absl::StatusOr<JobRecord> JobTables::CreateJob(const NewJob& job) {
   record.spec = job.spec;
   record.create_time_us = record.update_time_us = job.time_us;
   record.last_seq = record.state_changes = 1;
+  record.provenance = job.provenance;
   return record;
 }
 
 absl::Status JobTables::InsertJob(const NewJob& job) {
   absl::Status status = connection_.Run(
       "INSERT INTO jobs (id, state, scenario_id, create_time_us, update_time_us, last_seq, state_changes, iterations, "
-      "request_id, request_digest, campaign, error_message) VALUES (?, ?, ?, ?, ?, 1, 1, 0, ?, ?, ?, '')",
+      "request_id, request_digest, campaign, error_message, digest) VALUES (?, ?, ?, ?, ?, 1, 1, 0, ?, ?, ?, '', ?)",
       job.id, NameOf(JobState::kQueued), job.spec.scenario.id, job.time_us, job.time_us, NullIfEmpty(job.request_id),
-      job.request_digest, NullIfEmpty(job.spec.campaign_id));
+      job.request_digest, NullIfEmpty(job.spec.campaign_id), ToHex(job.provenance.digest));
   if (!status.ok()) return status;
   const std::int64_t key = connection_.last_insert_key();
-  status = connection_.Run("INSERT INTO job_documents (job, spec) VALUES (?, ?)", key, job.spec_json);
+  status = connection_.Run("INSERT INTO job_documents (job, spec, provenance) VALUES (?, ?, ?)", key, job.spec_json,
+                           ToJson(job.provenance));
   for (const auto& [label_key, value] : job.spec.labels) {
     if (!status.ok()) return status;
     status = connection_.Run("INSERT INTO job_labels (job, label_key, value) VALUES (?, ?, ?)", key, label_key, value);
@@ -108,7 +111,7 @@ absl::Status JobTables::InsertStateChange(std::int64_t job_key, std::int64_t seq
 }
 
 absl::Status JobTables::AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                                        const std::vector<double>& checkpoint) {
+                                        const Continuation& continuation) {
   const absl::StatusOr<Head*> found = FindHeadForEvent(id, seq);
   if (!found.ok()) return found.status();
   Head& head = **found;
@@ -123,11 +126,15 @@ absl::Status JobTables::AppendIteration(const std::string& id, std::int64_t seq,
       head.key, record.iteration, k[0], k[1], k[2], k[3], k[4], record.cost, record.settling_samples, record.fuel_sum,
       static_cast<int>(record.outcome), record.cost_std, record.pairs_left_out, record.pairs_not_settled,
       record.episodes);
+  if (status.ok() && continuation.engine) {
+    status = AddEngine(connection_, head.key, {record.iteration, *continuation.engine});
+  }
   if (!status.ok()) return status;
   head.last_seq = seq;
   head.iterations = record.iteration;
   head.progress_changed = true;
-  if (!checkpoint.empty()) head.checkpoint = checkpoint;
+  head.digest = continuation.digest;
+  if (!continuation.checkpoint.empty()) head.checkpoint = continuation.checkpoint;
   if (!head.best || Better(record, *head.best)) {
     head.best = record;
     head.best_changed = true;
@@ -178,7 +185,7 @@ absl::Status JobTables::DeleteJob(const std::string& id) {
   if (!head.ok()) return head.status();
   const std::int64_t key = (*head)->key;
   if ((*head)->iterations > 0) {
-    absl::Status status = connection_.Run("INSERT INTO deleted_jobs (job) VALUES (?)", key);
+    absl::Status status = connection_.Run("INSERT OR IGNORE INTO deleted_jobs (job) VALUES (?)", key);
     if (!status.ok()) return status;
   }
   // Documents, labels and events go with it.
@@ -189,12 +196,32 @@ absl::Status JobTables::DeleteJob(const std::string& id) {
   return absl::OkStatus();
 }
 
+absl::Status JobTables::RemoveIterations(const std::string& id, TimeUs now) {
+  auto statement = connection_.Prepare("SELECT key, state FROM jobs WHERE id = ?");
+  if (!statement.ok()) return statement.status();
+  const absl::StatusOr<bool> row = statement->Bind(id).Step();
+  if (!row.ok()) return row.status();
+  if (!*row) return JobNotFound(id);
+  const std::int64_t key = statement->Int(0);
+  const absl::StatusOr<JobState> state = JobStateOf(statement->Text(1));
+  if (!state.ok()) return state.status();
+  if (!IsTerminal(*state)) return absl::FailedPreconditionError(absl::StrCat("job ", id, " has not ended"));
+  absl::Status status = connection_.Run("UPDATE jobs SET iterations_removed_us = ? WHERE key = ?", now, key);
+  if (status.ok()) status = connection_.Run("INSERT OR IGNORE INTO deleted_jobs (job) VALUES (?)", key);
+  if (!status.ok()) return status;
+  deleted_any_ = true;
+  return absl::OkStatus();
+}
+
 absl::Status JobTables::WriteHead(Head& head) {
   if (head.progress_changed) {
-    absl::Status status = connection_.Run("UPDATE jobs SET last_seq = ?, iterations = ? WHERE key = ?", head.last_seq,
-                                          head.iterations, head.key);
+    const auto digest = head.digest ? std::optional(ToHex(*head.digest)) : std::nullopt;
+    absl::Status status =
+        connection_.Run("UPDATE jobs SET last_seq = ?, iterations = ?, digest = coalesce(?, digest) WHERE key = ?",
+                        head.last_seq, head.iterations, digest, head.key);
     if (!status.ok()) return status;
     head.progress_changed = false;
+    head.digest.reset();
   }
   if (!head.checkpoint.empty()) {
     absl::Status status =
@@ -224,7 +251,9 @@ absl::StatusOr<bool> JobTables::RemoveLeftovers() {
   if (!job.ok()) return job.status();
   absl::Status status = connection_.Run(
       "DELETE FROM iterations WHERE job = ?1 AND iteration IN "
-      "(SELECT iteration FROM iterations WHERE job = ?1 LIMIT ?2)",
+      "(SELECT iteration FROM iterations WHERE job = ?1 AND iteration NOT IN "
+      "(SELECT 1 FROM jobs WHERE key = ?1 UNION SELECT iterations FROM jobs WHERE key = ?1 "
+      "UNION SELECT coalesce(best_iteration, 1) FROM jobs WHERE key = ?1) LIMIT ?2)",
       *job, kLeftoversAtOnce);
   if (status.ok() && connection_.rows_changed() < kLeftoversAtOnce) {
     status = connection_.Run("DELETE FROM deleted_jobs WHERE job = ?", *job);

@@ -17,6 +17,7 @@ struct NewJob {
   std::string id;
   JobSpec spec;
   std::string spec_json;
+  Provenance provenance;  // NewProvenance(spec)
   TimeUs time_us = 0;
   std::string request_id;
   std::string request_digest;
@@ -33,10 +34,12 @@ class JobTables {
   // As JobStore's methods of these names.
   absl::StatusOr<JobRecord> CreateJob(const NewJob& job);
   absl::Status AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                               const std::vector<double>& checkpoint);
+                               const Continuation& continuation);
   // report_json: of change.report, NULL without one.
   absl::Status ChangeState(const std::string& id, std::int64_t seq, const StateChange& change,
                            const std::optional<std::string>& report_json);
+  // As RetentionStore's.
+  absl::Status RemoveIterations(const std::string& id, TimeUs now);
   // The job's iterations stay behind, unreachable, for RemoveLeftovers.
   absl::Status DeleteJob(const std::string& id);
 
@@ -51,7 +54,8 @@ class JobTables {
   // In this transaction.
   bool deleted_any() const { return deleted_any_; }
 
-  // Removes a bounded number of deleted jobs' iterations (some milliseconds); false: there were none.
+  // Removes a bounded number of iterations of jobs deleted, or left without them (some milliseconds); false: there were
+  // none.
   absl::StatusOr<bool> RemoveLeftovers();
 
  private:
@@ -62,6 +66,7 @@ class JobTables {
     std::int64_t iterations = 0;
     std::optional<IterationRecord> best;
     std::vector<double> checkpoint;  // empty: none to be written
+    std::optional<Digest> digest;    // none: none to be written
     bool progress_changed = false;
     bool best_changed = false;
   };

@@ -65,6 +65,12 @@ Conditions FilterConditions(const JobFilter& filter) {
                            "IN (SELECT job FROM job_labels WHERE label_key = ? AND value = ?)"),
               {label.key, label.value});
   }
+  for (const std::string& text : filter.texts) {
+    where.Add(
+        "(instr(lower(id || ' ' || scenario_id || ' ' || json_extract(spec, '$.display_name')), lower(?)) > 0 OR "
+        "jobs.key IN (SELECT job FROM job_labels WHERE instr(lower(label_key || '=' || value), lower(?)) > 0))",
+        {text, text});
+  }
   return where;
 }
 

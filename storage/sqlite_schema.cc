@@ -181,7 +181,18 @@ CREATE TABLE campaign_requests (
 ) STRICT, WITHOUT ROWID;
 )sql";
 
-constexpr std::array kMigrations{kVersion1, kVersion2, kVersion3, kVersion4};
+// Jobs that had ended before have neither; those that had not get both when the database is opened.
+constexpr std::string_view kVersion5 = R"sql(
+ALTER TABLE jobs ADD COLUMN digest TEXT;               -- of the history up to `iterations`: SHA-256 in hex
+ALTER TABLE job_documents ADD COLUMN provenance TEXT;  -- JSON: what was given to the search, what computed
+)sql";
+
+// The iterations of such a job go later than this says (deleted_jobs): reads leave them alone from then on.
+constexpr std::string_view kVersion6 = R"sql(
+ALTER TABLE jobs ADD COLUMN iterations_removed_us INTEGER;  -- when all but the first, the best and the last went
+)sql";
+
+constexpr std::array kMigrations{kVersion1, kVersion2, kVersion3, kVersion4, kVersion5, kVersion6};
 
 absl::StatusOr<bool> IsEmpty(Connection& connection) {
   const auto objects = connection.QueryInt("SELECT count(*) FROM sqlite_schema");

@@ -10,7 +10,6 @@ namespace orbitune {
 namespace {
 
 constexpr std::size_t kLargestGroup = 1024;
-constexpr std::chrono::milliseconds kFirstPause{50};
 constexpr std::chrono::milliseconds kLongestPause{2000};
 
 // A status of its own for each (see SqliteWriter::Operation::answer).
@@ -25,8 +24,10 @@ std::vector<absl::Status> GiveUp(std::size_t operations, const absl::Status& tro
 
 }  // namespace
 
-SqliteWriter::SqliteWriter(Connection& connection)
-    : connection_(connection), tables_(connection), thread_([this] { Run(); }) {}
+SqliteWriter::SqliteWriter(Connection& connection, std::chrono::milliseconds first_pause, StoreMetrics* metrics)
+    : connection_(connection), tables_(connection), first_pause_(first_pause), metrics_(metrics), thread_([this] {
+        Run();
+      }) {}
 
 SqliteWriter::~SqliteWriter() {
   {
@@ -77,8 +78,12 @@ void SqliteWriter::Run() {
     if (group.empty()) {
       RemoveLeftovers();
     } else {
+      const auto begun = std::chrono::steady_clock::now();
       std::vector<absl::Status> results = Commit(group);
-      for (std::size_t i = 0; i < group.size(); ++i) group[i].answer(std::move(results[i]));
+      Count(group.size(), std::chrono::steady_clock::now() - begun);
+      for (std::size_t i = 0; i < group.size(); ++i) {
+        if (group[i].answer) group[i].answer(std::move(results[i]));
+      }
       group.clear();
       CountAnswered(results.size());
     }
@@ -88,13 +93,24 @@ void SqliteWriter::Run() {
 bool SqliteWriter::TakeGroup(std::vector<Operation>& group) {
   group.clear();
   std::unique_lock lock(mutex_);
-  work_.wait(lock, [this] { return stopping_ || !queue_.empty() || leftovers_; });
+  const auto wanted = [this] { return stopping_ || !queue_.empty(); };
+  if (!leftovers_) {
+    work_.wait(lock, wanted);
+  } else if (leftovers_hit_) {
+    work_.wait_for(lock, kLongestPause, wanted);
+  }
   if (stopping_ && queue_.empty()) return false;
   while (!queue_.empty() && group.size() < kLargestGroup) {
     group.push_back(std::move(queue_.front()));
     queue_.pop_front();
   }
   return true;
+}
+
+void SqliteWriter::Count(std::size_t operations, std::chrono::duration<double> taken) {
+  if (metrics_ == nullptr) return;
+  metrics_->commit_s.Observe(taken.count());
+  metrics_->group_size.Observe(static_cast<double>(operations));
 }
 
 void SqliteWriter::CountAnswered(std::size_t answered) {
@@ -105,9 +121,9 @@ void SqliteWriter::CountAnswered(std::size_t answered) {
   answered_.notify_all();
 }
 
-std::vector<absl::Status> SqliteWriter::Commit(std::span<const Operation> group) {
+std::vector<absl::Status> SqliteWriter::Commit(std::span<Operation> group) {
   if (gave_up_) return GiveUp(group.size(), trouble());
-  for (auto pause = kFirstPause;; pause = std::min(2 * pause, kLongestPause)) {
+  for (auto pause = first_pause_;; pause = std::min(2 * pause, kLongestPause)) {
     const bool last_try = stopping();
     absl::StatusOr<std::vector<absl::Status>> results = TryCommit(group);
     if (results.ok()) {
@@ -122,11 +138,29 @@ std::vector<absl::Status> SqliteWriter::Commit(std::span<const Operation> group)
       gave_up_ = true;
       return GiveUp(group.size(), trouble());
     }
+    Refuse(group);
     PauseBeforeRetry(pause);
   }
 }
 
-std::vector<absl::Status> SqliteWriter::CommitOneByOne(std::span<const Operation> group) {
+void SqliteWriter::Refuse(std::span<Operation> group) {
+  std::vector<std::function<void(absl::Status)>> answers;
+  const auto take = [&answers](Operation& operation) {
+    if (!operation.refusable || !operation.answer) return;
+    answers.push_back(std::exchange(operation.answer, nullptr));
+    operation.apply = [](JobTables&) { return absl::OkStatus(); };
+  };
+  for (Operation& operation : group) take(operation);
+  std::string reason;
+  {
+    const std::lock_guard lock(mutex_);
+    for (Operation& operation : queue_) take(operation);
+    reason = trouble_;
+  }
+  for (const auto& answer : answers) answer(absl::UnavailableError(absl::StrCat("the disk fails: ", reason)));
+}
+
+std::vector<absl::Status> SqliteWriter::CommitOneByOne(std::span<Operation> group) {
   std::vector<absl::Status> results;
   for (std::size_t i = 0; i < group.size(); ++i) results.push_back(Commit(group.subspan(i, 1)).front());
   return results;
@@ -155,14 +189,13 @@ absl::StatusOr<std::vector<absl::Status>> SqliteWriter::TryCommit(std::span<cons
 
 void SqliteWriter::RemoveLeftovers() {
   tables_.Forget();
-  absl::StatusOr<bool> more = false;
-  if (auto transaction = Transaction::Begin(connection_, Transaction::Kind::kWrite); transaction.ok()) {
-    more = tables_.RemoveLeftovers();
-    if (more.ok() && *more) {
-      if (absl::Status status = transaction->Commit(); !status.ok()) more = status;
-    }
+  auto transaction = Transaction::Begin(connection_, Transaction::Kind::kWrite);
+  absl::StatusOr<bool> more = transaction.ok() ? tables_.RemoveLeftovers() : transaction.status();
+  if (more.ok() && *more) {
+    if (absl::Status status = transaction->Commit(); !status.ok()) more = status;
   }
-  leftovers_ = more.ok() && *more;
+  leftovers_hit_ = !more.ok();
+  leftovers_ = !more.ok() || *more;
 }
 
 }  // namespace orbitune

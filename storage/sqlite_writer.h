@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "storage/sqlite_job_tables.h"
+#include "storage/store_metrics.h"
 
 namespace orbitune {
 
@@ -27,10 +28,14 @@ class SqliteWriter {
     // UNAVAILABLE where the writer ends before that, or INTERNAL or DATA_LOSS where SQLite refuses this operation.
     // The writer keeps no part of the status: its reference counts are in a library that TSan cannot see into.
     std::function<void(absl::Status)> answer;
+    // Somebody waits who can ask again: while the disk fails it is not tried again, but answered UNAVAILABLE at once,
+    // ahead of what was queued before it.
+    bool refusable = false;
   };
 
-  // connection outlives this and is used by nobody else meanwhile.
-  explicit SqliteWriter(Connection& connection);
+  // connection outlives this and is used by nobody else meanwhile. first_pause: before a failed commit is tried again;
+  // the pauses after it grow to 2 s. metrics, if there are any, outlive it too.
+  SqliteWriter(Connection& connection, std::chrono::milliseconds first_pause, StoreMetrics* metrics = nullptr);
 
   // Commits what is queued, if the disk lets it at the first try, answers everything and ends the thread.
   ~SqliteWriter();
@@ -49,12 +54,15 @@ class SqliteWriter {
   void Run();
   // Waits for work; false: the writer ends, and nothing is queued. Empty: nothing is queued, but leftovers are there.
   bool TakeGroup(std::vector<Operation>& group);
-  // One result for each operation.
-  std::vector<absl::Status> Commit(std::span<const Operation> group);
+  // One result for each operation; one that was refused meanwhile has no answer any more.
+  std::vector<absl::Status> Commit(std::span<Operation> group);
   // An error of SQLite's: nothing is committed. Else the operations' own results, committed.
   absl::StatusOr<std::vector<absl::Status>> TryCommit(std::span<const Operation> group);
   // So that only the operations that SQLite refuses are answered with its error.
-  std::vector<absl::Status> CommitOneByOne(std::span<const Operation> group);
+  std::vector<absl::Status> CommitOneByOne(std::span<Operation> group);
+  // Answers what need not wait for the disk, in the group and in the queue.
+  void Refuse(std::span<Operation> group);
+  void Count(std::size_t operations, std::chrono::duration<double> taken);
   void CountAnswered(std::size_t answered);
   void RemoveLeftovers();
   bool stopping() const;
@@ -64,8 +72,11 @@ class SqliteWriter {
   // Writer thread only.
   Connection& connection_;
   JobTables tables_;
-  bool leftovers_ = true;  // perhaps
-  bool gave_up_ = false;   // the disk failed while the writer was ending
+  const std::chrono::milliseconds first_pause_;
+  StoreMetrics* const metrics_;
+  bool leftovers_ = true;       // perhaps
+  bool leftovers_hit_ = false;  // by an error, and had better wait
+  bool gave_up_ = false;        // the disk failed while the writer was ending
 
   mutable std::mutex mutex_;
   std::condition_variable work_;      // queue_ or stopping_ changed

@@ -8,6 +8,7 @@
 #include "client/cli/campaign_commands.h"
 #include "client/cli/commands.h"
 #include "client/cli/completion.h"
+#include "client/cli/connection.h"
 #include "client/cli/errors.h"
 #include "client/cli/gains_commands.h"
 #include "client/cli/number.h"
@@ -27,12 +28,14 @@ Examples:
   orbitune jobs --state running --label case=1
   orbitune watch JOB                                    Ctrl-C ends the watching, not the job
   orbitune history JOB -o history.csv
+  orbitune verify JOB                                   run it again: is it the same, bit for bit?
   orbitune gains query --scenario leo-rendezvous --ic new.json --refine
   orbitune gains export JOB --format c-header -o gains.h
   orbitune simulate --job JOB --which best --csv trajectory.csv
   orbitune campaign create --scenario leo-rendezvous --count 50 --seed 7 --held-out 50 --robust --watch
   orbitune report campaigns/ID -o report.html           figures and tables, in one page
   eval "$(orbitune completion bash)"                    completion in this shell
+  orbitune --server https://HOST:7313 --token-file ~/.orbitune-token whoami
 
 Initial conditions (--ic): a JSON file of an OrbitState, or all keys of one of
   semi_major_axis_km, eccentricity, inclination_deg, raan_deg, argument_of_periapsis_deg,
@@ -42,12 +45,13 @@ Initial conditions (--ic): a JSON file of an OrbitState, or all keys of one of
 
 Exit codes:
   0    success
-  1    the job watched ended FAILED or CANCELLED; the episode left the domain or failed
+  1    the job watched ended FAILED or CANCELLED; the episode left the domain or failed; the job verified differs
   2    usage, a bad local file, INVALID_ARGUMENT
   3    not found
   4    the server cannot be reached, or did not answer in time
   5    refused in this state (FAILED_PRECONDITION, ALREADY_EXISTS, ABORTED)
   6    any other error of the server
+  7    a token is needed, or another one (UNAUTHENTICATED, PERMISSION_DENIED)
   130  interrupted
 
 "orbitune COMMAND --help" tells a command's options, "orbitune --help-all" those of all.)help";
@@ -114,6 +118,10 @@ void AddScenarios(CLI::App& program, Run& run) {
   AddText(*app, "NAME", options->name, "Show this one; with --json as a file for --scenario-file", "SCENARIO");
 }
 
+void AddWhoami(CLI::App& program, Run& run) {
+  program.add_subcommand("whoami", "Whose the token is, and what it may do")->callback([&run] { run = RunWhoami; });
+}
+
 void AddSearch(CLI::App& app, SearchFlags& flags) {
   AddText(app, "--algorithm", flags.algorithm, "[ars]", "ars|cma-es|nelder-mead");
   AddNumber<std::int64_t>(
@@ -144,6 +152,8 @@ void AddTuning(CLI::App& program, SubmitOptions& submit) {
   SubmitOptions* const options = &submit;
   AddText(*app, "--name", options->display_name, "A title", "TEXT");
   AddLabels(*app, options->labels, "A label; may be repeated");
+  app->add_option("--priority", options->priority,
+                  "-4 to 4: of your own jobs the highest begins first, and gets 2^priority parts of your time [0]");
   AddNumber<std::int32_t>(*app, "--iterations", options->iterations, "M; like all below, the scenario's if not given");
   AddNumber<double>(*app, "--step-size", options->step_size, "alpha");
   AddNumber<double>(*app, "--exploration-scale", options->exploration_scale, "sigma");
@@ -211,6 +221,14 @@ void AddHistory(CLI::App& program, Run& run) {
   AddText(*app, "--format", options->format, "[csv]", "csv|json")
       ->check(CLI::IsMember({"csv", "json"}).description(""));
   AddText(*app, "--output,-o", options->output, "Into this file, which appears whole or not at all [stdout]", "FILE");
+}
+
+void AddVerify(CLI::App& program, Run& run) {
+  const auto [app, options] =
+      AddCommand(program, run, "verify", "Run a job again and compare it with what is stored, bit for bit", RunVerify);
+  AddText(*app, "JOB", options->job, "ID or jobs/ID", "JOB")->required();
+  AddNumber<std::int32_t>(*app, "--from", options->from, "The first iteration to run again [1]");
+  AddNumber<std::int32_t>(*app, "--to", options->to, "The last one [the newest]");
 }
 
 void AddTransition(CLI::App& program, Run& run, const char* name, const char* help, Transition transition) {
@@ -439,8 +457,24 @@ void AddCompletion(CLI::App& program, Run& run, const std::shared_ptr<std::strin
 }
 
 void AddGlobals(CLI::App& program, Globals& globals) {
-  AddText(program, "--server", globals.server, "Where the server listens [127.0.0.1:7313]", "HOST:PORT")
+  AddText(program, "--server", globals.server, "Where the server listens [127.0.0.1:7313]; https://HOST:PORT: TLS",
+          "HOST:PORT")
       ->envname("ORBITUNE_SERVER");
+  AddText(program, "--token-file", globals.token_file,
+          "A file, nobody else's to read, with the token that the server asks for [the environment's ORBITUNE_TOKEN]",
+          "FILE")
+      ->envname("ORBITUNE_TOKEN_FILE");
+  AddText(program, "--tls-ca", globals.tls_ca, "Authorities that the server's certificate may come from [the system's]",
+          "FILE")
+      ->envname("ORBITUNE_TLS_CA");
+  CLI::Option* const cert = AddText(program, "--tls-cert", globals.tls_cert,
+                                    "A certificate of one's own, where the server asks for one", "FILE")
+                                ->envname("ORBITUNE_CLIENT_CERT");
+  CLI::Option* const key =
+      AddText(program, "--tls-key", globals.tls_key, "Its key", "FILE")->envname("ORBITUNE_CLIENT_KEY");
+  cert->needs(key);
+  key->needs(cert);
+  program.add_flag("--insecure", globals.insecure, "Send the token even where others can read what passes");
   program.add_flag("--json", globals.json, "JSON on stdout (a line per row or event) and, for errors, on stderr");
   AddNumber<double>(program, "--timeout", globals.timeout_s, "Seconds to wait for an answer [30]")
       ->check([](const std::string& text) -> std::string {
@@ -473,11 +507,13 @@ int RunCli(const std::vector<std::string>& arguments, const Terminal& terminal) 
   AddJobs(program, run);
   AddShow(program, run);
   AddHistory(program, run);
+  AddVerify(program, run);
   AddTransitions(program, run);
   AddSimulate(program, run);
   AddCampaign(program, run);
   AddGains(program, run);
   AddReport(program, run);
+  AddWhoami(program, run);
   AddCompletion(program, run, shell);
   // Now that the commands are there, which would inherit them.
   program.set_help_all_flag("--help-all", "The help of every command");
@@ -488,7 +524,12 @@ int RunCli(const std::vector<std::string>& arguments, const Terminal& terminal) 
     const bool json = std::find(arguments.begin(), arguments.end(), "--json") != arguments.end();
     return UsageError(program, error, json, terminal);
   }
-  Session session(globals, terminal);
+  const auto channel = Connect(globals);
+  if (!channel.ok()) {
+    *terminal.err << RenderError(ToGrpcStatus(channel.status()), globals.json);
+    return kExitUsage;
+  }
+  Session session(globals, terminal, *channel);
   return run(session);
 }
 

@@ -12,7 +12,12 @@ inline constexpr char kDefaultServer[] = "127.0.0.1:7313";
 
 // The options that every command takes.
 struct Globals {
-  std::string server = kDefaultServer;
+  std::string server = kDefaultServer;  // HOST:PORT, or https://HOST:PORT for TLS
+  std::string token_file;
+  std::string tls_ca;  // PEM files
+  std::string tls_cert;
+  std::string tls_key;
+  bool insecure = false;  // a token may go where others can read it
   bool json = false;
   double timeout_s = 30;  // of a unary call, > 0
 };

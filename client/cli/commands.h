@@ -37,6 +37,7 @@ struct SubmitOptions {
   FlightOptions flight;
   std::string display_name;
   std::vector<std::string> labels;  // key=value
+  std::int32_t priority = 0;
   std::optional<std::int32_t> iterations;
   std::optional<double> step_size;
   std::optional<double> exploration_scale;
@@ -76,6 +77,13 @@ struct HistoryOptions {
 };
 int RunHistory(Session& session, const HistoryOptions& options);
 
+struct VerifyOptions {
+  std::string job;
+  std::int32_t from = 0;  // iterations; 0: the first, the newest
+  std::int32_t to = 0;
+};
+int RunVerify(Session& session, const VerifyOptions& options);
+
 enum class Transition { kCancel, kPause, kResume, kDelete };
 // Tries every job; the exit code is that of the first failure.
 int RunTransition(Session& session, Transition transition, const std::vector<std::string>& jobs);
@@ -91,5 +99,8 @@ struct SimulateOptions {
   bool trajectory = false;  // in the JSON output
 };
 int RunSimulate(Session& session, const SimulateOptions& options);
+
+// Whose the token is, and what it may do.
+int RunWhoami(Session& session);
 
 }  // namespace orbitune::cli

@@ -15,6 +15,7 @@ inline constexpr int kExitNotFound = 3;
 inline constexpr int kExitUnreachable = 4;
 inline constexpr int kExitRefused = 5;
 inline constexpr int kExitServerError = 6;
+inline constexpr int kExitNotAllowed = 7;
 inline constexpr int kExitInterrupted = 130;
 
 int ExitCodeFor(grpc::StatusCode code);

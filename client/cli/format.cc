@@ -80,6 +80,11 @@ std::string GuaranteeText(v1::DomainGuarantee guarantee) {
   return InWords(ShortName(v1::DomainGuarantee_Name(guarantee), "DOMAIN_GUARANTEE_", guarantee));
 }
 
+std::string EngineText(const v1::Engine& engine) {
+  return absl::StrCat("Orbitune ", engine.version(), ", ", engine.simd_target(), ", multiply-add ",
+                      engine.fused_multiply_add() ? "fused" : "not fused", ", ", engine.libraries());
+}
+
 bool Ended(v1::JobState state) {
   return state == v1::JOB_STATE_SUCCEEDED || state == v1::JOB_STATE_FAILED || state == v1::JOB_STATE_CANCELLED;
 }

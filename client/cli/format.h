@@ -42,6 +42,9 @@ std::string GuaranteeText(v1::DomainGuarantee guarantee);  // "not guaranteed"
 // Whether the job can change no more.
 bool Ended(v1::JobState state);
 
+// "Orbitune 0.1.0, avx2, multiply-add fused, glibc 2.36, ...".
+std::string EngineText(const v1::Engine& engine);
+
 // How many iterations the job will have at its end, as far as can be told: M, or fewer where max_episodes ends it.
 int ExpectedIterations(const v1::Job& job);
 

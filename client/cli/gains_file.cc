@@ -355,6 +355,7 @@ std::string GainSetCHeader(const v1::GainSet& set) {
       " *   scenario digest   %s\n"
       " *   from              %s %s, iteration %d, %s, seed %u\n"
       " *   engine            Orbitune %s\n"
+      " *   history digest    %s\n"
       " *   initial condition %s\n"
       " *   cost J %s, settling time %s s, delta-v %s m/s, peak acceleration %s m/s^2\n"
       " *   certificate: gains positive %s, domain guaranteed %s, V decreasing %s, settled %s\n"
@@ -362,9 +363,10 @@ std::string GainSetCHeader(const v1::GainSet& set) {
       InComment(set.name()), std::string(absl::StripPrefix(v1::GainSetKind_Name(set.kind()), "GAIN_SET_KIND_")),
       InComment(set.scenario()), InComment(set.scenario_digest()), InComment(set.job()), InComment(set.campaign()),
       set.iteration(), InComment(set.algorithm()), set.seed(), InComment(set.engine_version()),
-      StateText(set.initial_condition()), set.flight().has_cost() ? RoundTrip(set.flight().cost()) : "none",
-      RoundTrip(set.flight().settling_time_s()), RoundTrip(set.flight().delta_v_m_s()),
-      RoundTrip(set.flight().peak_acceleration_m_s2()), set.flight().certificate().gains_positive() ? "yes" : "no",
+      InComment(set.history_digest()), StateText(set.initial_condition()),
+      set.flight().has_cost() ? RoundTrip(set.flight().cost()) : "none", RoundTrip(set.flight().settling_time_s()),
+      RoundTrip(set.flight().delta_v_m_s()), RoundTrip(set.flight().peak_acceleration_m_s2()),
+      set.flight().certificate().gains_positive() ? "yes" : "no",
       set.flight().certificate().domain_guaranteed() ? "yes" : "no",
       set.flight().certificate().lyapunov_decreasing() ? "yes" : "no",
       set.flight().certificate().settled() ? "yes" : "no");

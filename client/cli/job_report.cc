@@ -116,6 +116,22 @@ void PrintProgress(const v1::Job& job, std::ostream& out) {
   if (job.has_best_iteration()) PrintIteration("best_iteration", job.best_iteration(), out);
 }
 
+void PrintProvenance(const v1::Provenance& provenance, std::ostream& out) {
+  out << "provenance\n";
+  const auto line = [&out](const std::string& title, const std::string& text) {
+    out << absl::StrFormat("  %-30s %s\n", title, Printable(text));
+  };
+  line("scenario_digest", provenance.scenario_digest());
+  line("inputs_digest", provenance.inputs_digest());
+  line(absl::StrCat("digest (", provenance.iterations(), " iterations)"), provenance.digest());
+  if (provenance.backfilled_iterations() > 0) {
+    line("backfilled_iterations", absl::StrCat(provenance.backfilled_iterations()));
+  }
+  for (const v1::Engine& engine : provenance.engines()) {
+    line(absl::StrCat("engine (from iteration ", engine.first_iteration(), ")"), EngineText(engine));
+  }
+}
+
 }  // namespace
 
 void PrintJobSummary(const v1::Job& job, std::ostream& out) {
@@ -139,6 +155,7 @@ void PrintJob(const v1::Job& job, std::ostream& out) {
   for (const auto& [key, value] : job.labels()) {
     out << absl::StrFormat("%-32s %s\n", absl::StrCat("labels.", Printable(key)), Printable(value));
   }
+  if (job.priority() != 0) out << absl::StrFormat("%-32s %d\n", "priority", job.priority());
   out << absl::StrFormat("%-32s %s\n", "scenario", job.scenario().empty() ? "(its own definition)" : job.scenario());
   PrintTime("created", job.has_create_time(), job.create_time(), out);
   PrintTime("started", job.has_start_time(), job.start_time(), out);
@@ -156,6 +173,7 @@ void PrintJob(const v1::Job& job, std::ostream& out) {
   out << "hyperparameters\n";
   PrintFields(UsedHyperparameters(job), 2, out);
   PrintProgress(job, out);
+  if (job.has_provenance()) PrintProvenance(job.provenance(), out);
   if (!Ended(job.state())) return;
   out << '\n';
   PrintJobSummary(job, out);

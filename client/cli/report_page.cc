@@ -153,6 +153,16 @@ Plot FlownPlot(const std::vector<FlownGains>& flown, double settling_distance_km
 
 // ---- jobs
 
+void AddDigests(const v1::Provenance& provenance, std::vector<std::vector<std::string>>& rows) {
+  if (provenance.digest().empty()) return;
+  rows.push_back({"scenario digest", provenance.scenario_digest()});
+  rows.push_back({"inputs digest", provenance.inputs_digest()});
+  rows.push_back({absl::StrCat("history digest, ", provenance.iterations(), " iterations"), provenance.digest()});
+  for (const v1::Engine& engine : provenance.engines()) {
+    rows.push_back({absl::StrCat("engine, from iteration ", engine.first_iteration()), EngineText(engine)});
+  }
+}
+
 void AddJobProvenance(const v1::Job& job, Page& page) {
   std::vector<std::vector<std::string>> rows = {
       {"job", job.name()}, {"state", StateText(job.state())}, {"scenario", job.scenario()}};
@@ -164,6 +174,7 @@ void AddJobProvenance(const v1::Job& job, Page& page) {
   rows.push_back({"created", UtcTime(job.create_time())});
   if (job.has_end_time()) rows.push_back({"ended", UtcTime(job.end_time())});
   for (const auto& [key, value] : job.labels()) rows.push_back({absl::StrCat("label ", key), value});
+  AddDigests(job.provenance(), rows);
   page.Heading("Provenance");
   page.Table({}, rows);
   page.Details("hyperparameters", job.hyperparameters());

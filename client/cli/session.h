@@ -9,8 +9,10 @@
 
 #include "absl/status/status.h"
 #include "client/cli/app.h"
+#include "grpcpp/channel.h"
 #include "grpcpp/client_context.h"
 #include "grpcpp/support/status.h"
+#include "orbitune/v1/audit.grpc.pb.h"
 #include "orbitune/v1/campaign.grpc.pb.h"
 #include "orbitune/v1/gains.grpc.pb.h"
 #include "orbitune/v1/scenario.grpc.pb.h"
@@ -21,15 +23,15 @@ namespace orbitune::cli {
 
 class Session {
  public:
-  // Connects at the first call. `terminal` must outlive the session.
-  Session(const Globals& globals, const Terminal& terminal);
+  // `terminal` must outlive the session.
+  Session(const Globals& globals, const Terminal& terminal, const std::shared_ptr<grpc::Channel>& channel);
 
   std::ostream& out() const { return *terminal_.out; }
   std::ostream& err() const { return *terminal_.err; }
   const Terminal& terminal() const { return terminal_; }
   bool json() const { return globals_.json; }
 
-  // The options that reach the same server from another command line: "" or " --server HOST:PORT".
+  // The options that reach the same server from another command line: "", " --server HOST:PORT", ....
   std::string ServerFlag() const;
 
   // A unary call under the --timeout: Call(&v1::TuningService::Stub::GetJob, request, &job).
@@ -56,7 +58,7 @@ class Session {
   const Terminal& terminal_;
   std::tuple<std::unique_ptr<v1::TuningService::Stub>, std::unique_ptr<v1::ScenarioService::Stub>,
              std::unique_ptr<v1::SimulationService::Stub>, std::unique_ptr<v1::CampaignService::Stub>,
-             std::unique_ptr<v1::GainService::Stub>>
+             std::unique_ptr<v1::GainService::Stub>, std::unique_ptr<v1::AccessService::Stub>>
       stubs_;
 };
 

@@ -41,7 +41,8 @@ struct GainSet {
   std::string algorithm;
   std::uint64_t seed = 0;
   std::string engine_version;
-  std::string origin;  // of kImported: its name where it was exported
+  std::string origin;          // of kImported: its name where it was exported
+  std::string history_digest;  // of the job, in hex (history_digest.h)
 
   // Under these gains: from initial_condition, or over the initial conditions that they are for.
   Flight flight;

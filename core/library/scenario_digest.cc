@@ -1,13 +1,9 @@
 #include "core/library/scenario_digest.h"
 
-#include <openssl/evp.h>
-
-#include <array>
-
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/check.h"
+#include "core/base/digest.h"
 
 namespace orbitune {
 namespace {
@@ -82,13 +78,6 @@ std::vector<Field> DigestFields(const Scenario& scenario) {
   return std::move(fields).Take();
 }
 
-std::string Sha256(std::string_view text) {
-  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
-  unsigned size = 0;
-  ORBITUNE_CHECK(EVP_Digest(text.data(), text.size(), digest.data(), &size, EVP_sha256(), nullptr) == 1);
-  return absl::BytesToHexString({reinterpret_cast<const char*>(digest.data()), size});
-}
-
 std::string ValueOf(const std::vector<Field>& fields, std::string_view name) {
   for (const Field& field : fields) {
     if (field.name == name) return field.value;
@@ -101,7 +90,7 @@ std::string ValueOf(const std::vector<Field>& fields, std::string_view name) {
 std::string ScenarioDigest(const Scenario& scenario) {
   std::string text = "orbitune scenario 1\n";
   for (const Field& field : DigestFields(scenario)) absl::StrAppend(&text, field.name, "=", field.value, "\n");
-  return Sha256(text);
+  return ToHex(Sha256(text));
 }
 
 Scenario LibraryDefinition(const Scenario& scenario) {

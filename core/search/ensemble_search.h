@@ -30,6 +30,9 @@ class EnsembleSearch {
     return initial_conditions_ == 1 && !objective_.relative_to_initial && search_->first_is_for_the_record();
   }
 
+  // Whether no iteration's checkpoint tells anything: Resume needs but the record, at whatever iteration.
+  bool needs_no_checkpoint() const { return !objective_.relative_to_initial && search_->checkpoint().empty(); }
+
   // As Optimiser's. FAILED_PRECONDITION also if a cost relative to J(K(1)) is asked for and K(1) has none, or 0.
   absl::StatusOr<IterationRecord> Update(std::span<const EpisodeResult> results);
   std::vector<double> checkpoint() const;

@@ -15,6 +15,7 @@ namespace orbitune::simd {
 
 HWY_EXPORT(Run);
 HWY_EXPORT(Count);
+HWY_EXPORT(Fuses);
 
 namespace {
 
@@ -42,9 +43,11 @@ const Target& InUse() {
 
 }  // namespace
 
-void RunLanes(const LaneEpisode* episodes, LaneResult* results, std::size_t n) {
-  HWY_DYNAMIC_DISPATCH(Run)(episodes, results, n);
+LaneUse RunLanes(const LaneEpisode* episodes, LaneResult* results, std::size_t n, const Interrupt& interrupt) {
+  return HWY_DYNAMIC_DISPATCH(Run)(episodes, results, n, interrupt);
 }
+
+bool TargetFuses() { return HWY_DYNAMIC_DISPATCH(Fuses)(); }
 
 std::size_t LaneCount() { return HWY_DYNAMIC_DISPATCH(Count)(); }
 

@@ -102,8 +102,7 @@ class CampaignFeed final : public Feed {
 
   // Under the lock.
   void Put(std::string_view kind, std::unique_ptr<v1::WatchCampaignResponse> message) {
-    outbox_.push_back(
-        std::make_shared<StreamMessage>(StreamMessage::About{read_seq_, kind, ended_}, std::move(message)));
+    outbox_.push_back(PartOf({{read_seq_, kind, ended_}, std::move(message)}));
   }
 
   // From the engine, under its watchers' lock: nothing here may wait for mutex_, under which the engine is called.
@@ -131,13 +130,8 @@ class CampaignFeed final : public Feed {
       subscription_ = {};
     }
     Batch batch;
-    if (end_) {
-      batch.end = end_;
-    } else {
-      const auto count = static_cast<std::ptrdiff_t>(std::min(limit_, outbox_.size()));
-      batch.items.assign(outbox_.begin(), outbox_.begin() + count);
-      outbox_.erase(outbox_.begin(), outbox_.begin() + count);
-    }
+    batch.end = end_;
+    if (!end_) batch.parts = TakeFront(outbox_, limit_);
     const Taken taken = std::exchange(taken_, nullptr);
     lock.unlock();
     taken(std::move(batch));
@@ -176,7 +170,7 @@ class CampaignFeed final : public Feed {
   // Guarded by mutex_.
   Taken taken_;  // while Next is under way
   std::size_t limit_ = 0;
-  std::deque<FeedItem> outbox_;
+  std::deque<StreamPart> outbox_;
   bool news_ = true;      // something may have come since the store was last asked
   bool reading_ = false;  // the store is being read
   bool ended_ = false;    // the event that ends the campaign is in the outbox, or sent

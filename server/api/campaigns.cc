@@ -25,10 +25,13 @@ void CampaignApi::AddTo(MethodTable& methods) {
   methods.Add(service + "ListCampaignMembers", Work::kRead, this, &CampaignApi::ListCampaignMembers);
 }
 
-absl::Status CampaignApi::CreateCampaign(const v1::CreateCampaignRequest& request, v1::Campaign* out) {
-  const auto campaign = FromProto(request.campaign());
+absl::Status CampaignApi::CreateCampaign(const v1::CreateCampaignRequest& request, v1::Campaign* out,
+                                         const CallContext& context) {
+  auto campaign = FromProto(request.campaign());
   if (!campaign.ok()) return campaign.status();
-  return Answer(use_cases_.Create(*campaign, request.request_id(), request.validate_only()), out);
+  campaign->job.owner = context.caller.owner();
+  campaign->job.peer = context.caller.peer;
+  return Answer(use_cases_.Create(*campaign, request.request_id(), request.validate_only(), context.cancelled), out);
 }
 
 absl::Status CampaignApi::GetCampaign(const v1::GetCampaignRequest& request, v1::Campaign* out) {
@@ -63,11 +66,12 @@ absl::Status CampaignApi::DeleteCampaign(const v1::DeleteCampaignRequest& reques
   return id.ok() ? use_cases_.Delete(*id, request.etag()) : id.status();
 }
 
-absl::Status CampaignApi::ExtendCampaign(const v1::ExtendCampaignRequest& request, v1::Campaign* out) {
+absl::Status CampaignApi::ExtendCampaign(const v1::ExtendCampaignRequest& request, v1::Campaign* out,
+                                         const Cancelled& cancelled) {
   const auto id = CampaignId(request.name());
   if (!id.ok()) return id.status();
   const InitialConditionSource more = FromProto(request.initial_conditions());
-  return Answer(use_cases_.Extend(*id, more, request.request_id(), request.etag()), out);
+  return Answer(use_cases_.Extend(*id, more, request.request_id(), request.etag(), cancelled), out);
 }
 
 std::shared_ptr<Feed> CampaignApi::WatchCampaign(const v1::WatchCampaignRequest& request) {

@@ -22,19 +22,19 @@ FeedItem ToItem(const JobEvent& event) {
   auto message = std::make_unique<v1::WatchJobResponse>();
   ToProto(event, message.get());
   const char* kind = message->has_iteration() ? "iteration" : "state_change";
-  return std::make_shared<StreamMessage>(StreamMessage::About{event.seq, kind, EndsJob(event)}, std::move(message));
+  return std::make_shared<const StreamMessage>(StreamMessage{{event.seq, kind, EndsJob(event)}, std::move(message)});
 }
 
-FeedItem Gap(std::int64_t first_seq, std::int64_t last_seq) {
+StreamPart Gap(std::int64_t first_seq, std::int64_t last_seq) {
   auto message = std::make_unique<v1::WatchJobResponse>();
   message->set_seq(last_seq);
   message->mutable_gap()->set_first_seq(first_seq);
   message->mutable_gap()->set_last_seq(last_seq);
-  return std::make_shared<StreamMessage>(StreamMessage::About{last_seq, "gap"}, std::move(message));
+  return PartOf({{last_seq, "gap"}, std::move(message)});
 }
 
-bool IsIteration(const FeedItem& item) { return item->about().kind == "iteration"; }
-bool IsGap(const FeedItem& item) { return item->about().kind == "gap"; }
+bool IsIteration(const FeedItem& item) { return item->about.kind == "iteration"; }
+bool IsGap(const FeedItem& item) { return item->about.kind == "gap"; }
 
 // At any time a feed is opening or filling (a task reads the store), idle (waiting for the hub's wake), or not asked
 // for anything; all is decided under mutex_.
@@ -54,6 +54,14 @@ class JobFeed final : public Feed {
   }
 
   void End(const absl::Status& status) override { EndWith(std::unique_lock(mutex_), status); }
+
+  std::int64_t lag() override {
+    const std::lock_guard lock(mutex_);
+    if (!opened_ || end_) return 0;
+    std::int64_t held = 0;
+    for (const StreamPart& part : outbox_) held += static_cast<std::int64_t>(part.size());
+    return std::max<std::int64_t>(held, context_.use_cases.hub().LastSeq(id_) - sent_seq_ + held);
+  }
 
  private:
   void Post(void (JobFeed::*task)()) {
@@ -82,8 +90,7 @@ class JobFeed final : public Feed {
     auto snapshot = std::make_unique<v1::WatchJobResponse>();
     snapshot->set_seq(job->last_seq);
     ToProto(*job, snapshot->mutable_snapshot());
-    outbox_.push_back(
-        std::make_shared<StreamMessage>(StreamMessage::About{sent_seq_, "snapshot", ended_}, std::move(snapshot)));
+    outbox_.push_back(PartOf({{sent_seq_, "snapshot", ended_}, std::move(snapshot)}));
     opened_ = true;
     Step(std::move(lock));
   }
@@ -107,21 +114,32 @@ class JobFeed final : public Feed {
       after = sent_seq_;
       caught_up_ = true;  // unless a wake comes while the store is read
     }
-    const auto events = Read(after);
+    // Where many are at one place, one of them reads it for all.
+    std::vector<StreamPart> parts = context_.messages.After(id_, after, kPage);
+    std::vector<EventHub::Event> read;
+    if (parts.empty()) {
+      auto events = context_.use_cases.store().ListEvents(id_, after, kPage);
+      if (!events.ok()) return End(events.status());
+      for (JobEvent& event : *events) read.push_back(std::make_shared<const JobEvent>(std::move(event)));
+    }
     std::unique_lock lock(mutex_);
     filling_ = false;
-    if (!events.ok()) return EndWith(std::move(lock), events.status());
-    if (events->size() == kPage) caught_up_ = false;
-    for (const FeedItem& item : *events) Take(item);
+    if (!parts.empty() || read.size() == kPage) caught_up_ = false;
+    for (StreamPart& part : parts) Take(std::move(part));
+    TakeEvents(read);
     Step(std::move(lock));
   }
 
-  absl::StatusOr<std::vector<FeedItem>> Read(std::int64_t after_seq) const {
-    auto events = context_.use_cases.store().ListEvents(id_, after_seq, kPage);
-    if (!events.ok()) return events.status();
-    std::vector<EventHub::Event> shared;
-    for (JobEvent& event : *events) shared.push_back(std::make_shared<const JobEvent>(std::move(event)));
-    return context_.messages.Of(id_, shared);
+  // Under the lock. Events are missing between them only where retention removed iterations: that is told.
+  void TakeEvents(const std::vector<EventHub::Event>& events) {
+    for (auto begin = events.begin(); begin != events.end();) {
+      const auto end =
+          std::adjacent_find(begin, events.end(), [](const auto& a, const auto& b) { return b->seq != a->seq + 1; });
+      const auto behind = end == events.end() ? end : end + 1;
+      if ((*begin)->seq > sent_seq_ + 1) Take(Gap(sent_seq_ + 1, (*begin)->seq - 1));
+      for (const StreamPart& part : context_.messages.Of(id_, {begin, behind})) Take(part);
+      begin = behind;
+    }
   }
 
   // From the hub, under its lock: nothing here may wait for mutex_, under which the hub is called. Costs next to
@@ -140,22 +158,29 @@ class JobFeed final : public Feed {
     Step(std::unique_lock(mutex_));
   }
 
-  // Under the lock. LATEST: an iteration still unsent makes room for the next one.
-  void Take(const FeedItem& item) {
-    if (ended_ || item->about().resume_after_seq <= sent_seq_) return;
-    sent_seq_ = item->about().resume_after_seq;
-    ended_ = item->about().last;
-    if (latest_ && IsIteration(item) && !outbox_.empty() && IsIteration(outbox_.back())) SkipLast();
-    outbox_.push_back(item);
+  // Under the lock.
+  void Take(StreamPart part) {
+    while (part.size() > 0 && part.front()->about.resume_after_seq <= sent_seq_) ++part.begin;
+    if (ended_ || part.size() == 0) return;
+    sent_seq_ = part.back()->about.resume_after_seq;
+    ended_ = part.back()->about.last;
+    if (!latest_) return outbox_.push_back(std::move(part));
+    for (; part.size() > 0; ++part.begin) TakeLatest({.run = part.run, .begin = part.begin, .end = part.begin + 1});
+  }
+
+  // Under the lock: one message; an iteration still unsent makes room for the next one.
+  void TakeLatest(StreamPart one) {
+    if (IsIteration(one.front()) && !outbox_.empty() && IsIteration(outbox_.back().back())) SkipLast();
+    outbox_.push_back(std::move(one));
   }
 
   // Under the lock: turns the iteration at the back into a gap, or widens the gap before it.
   void SkipLast() {
-    const std::int64_t skipped = outbox_.back()->about().resume_after_seq;
+    const std::int64_t skipped = outbox_.back().back()->about.resume_after_seq;
     outbox_.pop_back();
     std::int64_t first = skipped;
-    if (!outbox_.empty() && IsGap(outbox_.back())) {
-      first = static_cast<const v1::WatchJobResponse&>(outbox_.back()->message()).gap().first_seq();
+    if (!outbox_.empty() && IsGap(outbox_.back().back())) {
+      first = static_cast<const v1::WatchJobResponse&>(*outbox_.back().back()->message).gap().first_seq();
       outbox_.pop_back();
     }
     outbox_.push_back(Gap(first, skipped));
@@ -166,9 +191,7 @@ class JobFeed final : public Feed {
     if (taken_ == nullptr || (!end_ && !Ready())) return;
     Batch batch;
     batch.end = end_;
-    for (; !end_ && batch.items.size() < limit_ && !outbox_.empty(); outbox_.pop_front()) {
-      batch.items.push_back(std::move(outbox_.front()));
-    }
+    if (!end_) batch.parts = TakeFront(outbox_, limit_);
     idle_ = false;
     const Taken taken = std::exchange(taken_, nullptr);
     lock.unlock();
@@ -196,18 +219,18 @@ class JobFeed final : public Feed {
   bool Pull() {
     if (news_.exchange(false)) caught_up_ = false;
     while (!ended_) {
-      std::vector<FeedItem> items = context_.messages.After(id_, sent_seq_, kPage);
-      if (items.empty()) {
+      std::vector<StreamPart> parts = context_.messages.After(id_, sent_seq_, kPage);
+      if (parts.empty()) {
         const EventHub::Recent recent = context_.use_cases.hub().After(id_, sent_seq_, kPage);
         if (!recent.complete && !caught_up_) {
           filling_ = true;
           Post(&JobFeed::Fill);
           return false;
         }
-        items = context_.messages.Of(id_, recent.events);
+        parts = context_.messages.Of(id_, recent.events);
       }
-      for (const FeedItem& item : items) Take(item);
-      if (items.empty() || !latest_) break;
+      for (const StreamPart& part : parts) Take(part);
+      if (parts.empty() || !latest_) break;
     }
     return true;
   }
@@ -232,7 +255,7 @@ class JobFeed final : public Feed {
   // Guarded by mutex_.
   Taken taken_;  // while Next is under way
   std::size_t limit_ = 0;
-  std::deque<FeedItem> outbox_;
+  std::deque<StreamPart> outbox_;
   std::int64_t sent_seq_ = 0;  // the newest in the outbox, or sent
   bool latest_ = false;
   bool asked_ = false;
@@ -247,38 +270,64 @@ class JobFeed final : public Feed {
 
 }  // namespace
 
-std::vector<FeedItem> JobEventMessages::After(const std::string& job_id, std::int64_t after_seq,
-                                              std::size_t limit) const {
-  std::vector<FeedItem> items;
-  const std::lock_guard lock(mutex_);
-  const auto job = jobs_.find(job_id);
-  if (job == jobs_.end()) return items;
-  for (auto found = job->second.find(after_seq + 1); found != job->second.end() && items.size() < limit;
-       found = job->second.find(found->first + 1)) {
-    items.push_back(found->second);
-  }
-  return items;
+std::optional<StreamPart> JobEventMessages::From(const Runs& runs, std::int64_t seq, std::size_t limit) {
+  auto found = runs.upper_bound(seq);
+  if (found == runs.begin()) return std::nullopt;
+  const auto& [first, run] = *--found;
+  const auto begin = static_cast<std::size_t>(seq - first);
+  if (begin >= run->items().size()) return std::nullopt;
+  return StreamPart{.run = run, .begin = begin, .end = std::min(run->items().size(), begin + limit)};
 }
 
-std::vector<FeedItem> JobEventMessages::Of(const std::string& job_id, const std::vector<EventHub::Event>& events) {
-  std::vector<FeedItem> items;
+std::vector<StreamPart> JobEventMessages::After(const std::string& job_id, std::int64_t after_seq,
+                                                std::size_t limit) const {
+  std::vector<StreamPart> parts;
   const std::lock_guard lock(mutex_);
-  for (const EventHub::Event& event : events) {
-    FeedItem& kept = jobs_[job_id][event->seq];
-    if (kept == nullptr) {
-      kept = ToItem(*event);
-      kept_.emplace_back(job_id, event->seq);
-    }
-    items.push_back(kept);
-    if (kept_.size() > most_kept_) ForgetOldest();
+  const auto job = jobs_.find(job_id);
+  if (job == jobs_.end()) return parts;
+  std::int64_t seq = after_seq + 1;
+  while (limit > 0) {
+    auto part = From(job->second, seq, limit);
+    if (!part) break;
+    seq += static_cast<std::int64_t>(part->size());
+    limit -= part->size();
+    parts.push_back(*std::move(part));
   }
-  return items;
+  return parts;
+}
+
+std::vector<StreamPart> JobEventMessages::Of(const std::string& job_id, const std::vector<EventHub::Event>& events) {
+  std::vector<StreamPart> parts;
+  if (events.empty()) return parts;
+  const std::lock_guard lock(mutex_);
+  Runs& runs = jobs_[job_id];
+  for (auto event = events.begin(); event != events.end(); event += static_cast<std::ptrdiff_t>(parts.back().size())) {
+    const std::int64_t seq = (*event)->seq;
+    auto limit = events.end() - event;
+    auto part = From(runs, seq, static_cast<std::size_t>(limit));
+    if (!part) {
+      const auto next = runs.upper_bound(seq);
+      if (next != runs.end()) limit = std::min<std::ptrdiff_t>(limit, next->first - seq);
+      std::vector<FeedItem> items;
+      std::transform(event, event + limit, std::back_inserter(items), [](const auto& e) { return ToItem(*e); });
+      const auto run = std::make_shared<const StreamRun>(std::move(items));
+      runs.emplace(seq, run);
+      kept_.emplace_back(job_id, seq);
+      kept_messages_ += run->items().size();
+      part = StreamPart{.run = run, .begin = 0, .end = run->items().size()};
+    }
+    parts.push_back(*std::move(part));
+  }
+  while (kept_messages_ > most_kept_) ForgetOldest();
+  return parts;
 }
 
 void JobEventMessages::ForgetOldest() {
   const auto& [job_id, seq] = kept_.front();
   const auto job = jobs_.find(job_id);
-  job->second.erase(seq);
+  const auto run = job->second.find(seq);
+  kept_messages_ -= run->second->items().size();
+  job->second.erase(run);
   if (job->second.empty()) jobs_.erase(job);
   kept_.pop_front();
 }

@@ -10,25 +10,32 @@
 #include "absl/status/status.h"
 #include "google/protobuf/descriptor.h"
 #include "google/protobuf/message.h"
+#include "server/api/caller.h"
 #include "server/api/executor.h"
 #include "server/api/feed.h"
 
 namespace orbitune {
 
-// Whether the caller has gone; asked now and then by what takes long.
-using Cancelled = std::function<bool()>;
+// The method's option orbitune.v1.access.
+struct AccessRule {
+  Role role = Role::kNone;                                   // the least that may call
+  bool changes = false;                                      // something: for the audit log
+  const google::protobuf::FieldDescriptor* owned = nullptr;  // of the request: names what must be the caller's
+  std::string collection;                                    // that it names one of: "jobs"
+};
 
 struct Method {
   const google::protobuf::MethodDescriptor* descriptor = nullptr;
   const google::protobuf::Message* request = nullptr;  // prototypes
   const google::protobuf::Message* response = nullptr;
+  AccessRule access;
   Work work = Work::kRead;
   std::function<Work(const google::protobuf::Message& request)> work_of;  // where it depends on the request; else none
   // Exactly one of the two. The messages are of the prototypes' types; `answer` may block, `open` does not.
   std::function<absl::Status(const google::protobuf::Message& request, google::protobuf::Message* response,
-                             const Cancelled& cancelled)>
+                             const CallContext& context)>
       answer;
-  std::function<std::shared_ptr<Feed>(const google::protobuf::Message& request)> open;
+  std::function<std::shared_ptr<Feed>(const google::protobuf::Message& request, const CallContext& context)> open;
 };
 
 // Filled once, then constant: thread-safe from then on.
@@ -38,7 +45,7 @@ class MethodTable {
   template <typename Api, typename Request, typename Response>
   void Add(std::string_view name, Work work, Api* api, absl::Status (Api::*method)(const Request&, Response*)) {
     AddUnary<Request, Response>(name, work,
-                                [api, method](const Request& request, Response* response, const Cancelled&) {
+                                [api, method](const Request& request, Response* response, const CallContext&) {
                                   return (api->*method)(request, response);
                                 });
   }
@@ -47,8 +54,17 @@ class MethodTable {
   void Add(std::string_view name, Work work, Api* api,
            absl::Status (Api::*method)(const Request&, Response*, const Cancelled&)) {
     AddUnary<Request, Response>(name, work,
-                                [api, method](const Request& request, Response* response, const Cancelled& cancelled) {
-                                  return (api->*method)(request, response, cancelled);
+                                [api, method](const Request& request, Response* response, const CallContext& context) {
+                                  return (api->*method)(request, response, context.cancelled);
+                                });
+  }
+
+  template <typename Api, typename Request, typename Response>
+  void Add(std::string_view name, Work work, Api* api,
+           absl::Status (Api::*method)(const Request&, Response*, const CallContext&)) {
+    AddUnary<Request, Response>(name, work,
+                                [api, method](const Request& request, Response* response, const CallContext& context) {
+                                  return (api->*method)(request, response, context);
                                 });
   }
 
@@ -65,8 +81,18 @@ class MethodTable {
   template <typename Response, typename Api, typename Request>
   void AddStream(std::string_view name, Api* api, std::shared_ptr<Feed> (Api::*method)(const Request&)) {
     Method entry = {.request = &Request::default_instance(), .response = &Response::default_instance()};
-    entry.open = [api, method](const google::protobuf::Message& request) {
+    entry.open = [api, method](const google::protobuf::Message& request, const CallContext&) {
       return (api->*method)(static_cast<const Request&>(request));
+    };
+    Insert(name, std::move(entry));
+  }
+
+  template <typename Response, typename Api, typename Request>
+  void AddStream(std::string_view name, Api* api,
+                 std::shared_ptr<Feed> (Api::*method)(const Request&, const CallContext&)) {
+    Method entry = {.request = &Request::default_instance(), .response = &Response::default_instance()};
+    entry.open = [api, method](const google::protobuf::Message& request, const CallContext& context) {
+      return (api->*method)(static_cast<const Request&>(request), context);
     };
     Insert(name, std::move(entry));
   }
@@ -82,8 +108,8 @@ class MethodTable {
   void AddUnary(std::string_view name, Work work, Answer answer) {
     Method entry = {.request = &Request::default_instance(), .response = &Response::default_instance(), .work = work};
     entry.answer = [answer](const google::protobuf::Message& request, google::protobuf::Message* response,
-                            const Cancelled& cancelled) {
-      return answer(static_cast<const Request&>(request), static_cast<Response*>(response), cancelled);
+                            const CallContext& context) {
+      return answer(static_cast<const Request&>(request), static_cast<Response*>(response), context);
     };
     Insert(name, std::move(entry));
   }

@@ -2,6 +2,7 @@
 
 #include "core/base/status.h"
 #include "server/api/answer.h"
+#include "server/api/verify_feed.h"
 #include "server/convert/job.h"
 
 namespace orbitune {
@@ -23,12 +24,15 @@ void TuningApi::AddTo(MethodTable& methods) {
   methods.Add(service + "ResumeJob", Work::kWrite, this, &TuningApi::ResumeJob);
   methods.Add(service + "DeleteJob", Work::kWrite, this, &TuningApi::DeleteJob);
   methods.AddStream<v1::WatchJobResponse>(service + "WatchJob", this, &TuningApi::WatchJob);
+  methods.AddStream<v1::VerifyJobResponse>(service + "VerifyJob", this, &TuningApi::VerifyJob);
   methods.Add(service + "ListIterations", Work::kRead, this, &TuningApi::ListIterations);
 }
 
-absl::Status TuningApi::CreateJob(const v1::CreateJobRequest& request, v1::Job* out) {
-  const auto job = FromProto(request.job());
+absl::Status TuningApi::CreateJob(const v1::CreateJobRequest& request, v1::Job* out, const CallContext& context) {
+  auto job = FromProto(request.job());
   if (!job.ok()) return job.status();
+  job->owner = context.caller.owner();
+  job->peer = context.caller.peer;
   return Answer(use_cases_.CreateJob(*job, request.request_id(), request.validate_only()), out);
 }
 
@@ -65,15 +69,23 @@ absl::Status TuningApi::DeleteJob(const v1::DeleteJobRequest& request, google::p
 
 std::shared_ptr<Feed> TuningApi::WatchJob(const v1::WatchJobRequest& request) { return NewJobFeed(request, context_); }
 
+std::shared_ptr<Feed> TuningApi::VerifyJob(const v1::VerifyJobRequest& request, const CallContext& context) {
+  return NewVerifyFeed(request, context.caller, context_);
+}
+
 absl::Status TuningApi::ListIterations(const v1::ListIterationsRequest& request, v1::ListIterationsResponse* out) {
   const auto id = JobId(request.parent(), "parent");
   if (!id.ok()) return id.status();
   if (request.max_points() != 0 && (request.page_size() != 0 || !request.page_token().empty())) {
     return InvalidField("max_points", "0 where page_size or page_token is set", request.max_points());
   }
-  const auto page = request.max_points() != 0
-                        ? use_cases_.SampleIterations(*id, request.max_points())
-                        : use_cases_.ListIterations(*id, request.page_size(), request.page_token());
+  if (request.max_points() == 0 && (request.first_iteration() != 0 || request.last_iteration() != 0)) {
+    return InvalidField("max_points", "in [16, 10000] where first_iteration or last_iteration is set", 0);
+  }
+  const auto page =
+      request.max_points() != 0
+          ? use_cases_.SampleIterations(*id, request.max_points(), request.first_iteration(), request.last_iteration())
+          : use_cases_.ListIterations(*id, request.page_size(), request.page_token());
   return AnswerPage(page, out, [out] { return out->add_iterations(); });
 }
 

@@ -16,7 +16,7 @@ class TuningApi {
   void AddTo(MethodTable& methods);
 
  private:
-  absl::Status CreateJob(const v1::CreateJobRequest& request, v1::Job* out);
+  absl::Status CreateJob(const v1::CreateJobRequest& request, v1::Job* out, const CallContext& context);
   absl::Status GetJob(const v1::GetJobRequest& request, v1::Job* out);
   absl::Status ListJobs(const v1::ListJobsRequest& request, v1::ListJobsResponse* out);
   absl::Status CancelJob(const v1::CancelJobRequest& request, v1::Job* out);
@@ -24,6 +24,7 @@ class TuningApi {
   absl::Status ResumeJob(const v1::ResumeJobRequest& request, v1::Job* out);
   absl::Status DeleteJob(const v1::DeleteJobRequest& request, google::protobuf::Empty* out);
   std::shared_ptr<Feed> WatchJob(const v1::WatchJobRequest& request);
+  std::shared_ptr<Feed> VerifyJob(const v1::VerifyJobRequest& request, const CallContext& context);
   absl::Status ListIterations(const v1::ListIterationsRequest& request, v1::ListIterationsResponse* out);
 
   const JobFeedContext context_;

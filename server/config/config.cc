@@ -11,14 +11,6 @@
 namespace orbitune {
 namespace {
 
-std::string DefaultDataDir() {
-  if (const char* xdg = std::getenv("XDG_DATA_HOME"); xdg != nullptr && *xdg != '\0') {
-    return std::string(xdg) + "/orbitune";
-  }
-  const char* home = std::getenv("HOME");
-  return home != nullptr && *home != '\0' ? std::string(home) + "/.local/share/orbitune" : "orbitune-data";
-}
-
 std::string CheckAddress(const std::string& text) {
   const std::size_t colon = text.rfind(':');
   const std::string port = colon == std::string::npos ? "" : text.substr(colon + 1);
@@ -45,6 +37,13 @@ std::string DefaultWebDir() {
   return (std::filesystem::exists(installed, error) ? installed : binary.parent_path() / "web").string();
 }
 
+// "ORBITUNE_MAX_RUNNING_JOBS" of "max-running-jobs".
+std::string EnvironmentNameOf(const std::string& option) {
+  std::string name = "ORBITUNE_";
+  for (const char c : option) name += c == '-' ? '_' : static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  return name;
+}
+
 // CLI11 has a file's values win over the environment's: leaves out of the file what the environment says.
 class EnvironmentFirst : public CLI::ConfigBase {
  public:
@@ -56,12 +55,63 @@ class EnvironmentFirst : public CLI::ConfigBase {
 
  private:
   static bool InEnvironment(const std::string& option) {
-    std::string name = "ORBITUNE_";
-    for (const char c : option) name += c == '-' ? '_' : static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
-    const char* value = std::getenv(name.c_str());
+    const char* value = std::getenv(EnvironmentNameOf(option).c_str());
     return value != nullptr && *value != '\0';
   }
 };
+
+// "--max-running-jobs" and ORBITUNE_MAX_RUNNING_JOBS.
+void AddNumber(CLI::App& app, const std::string& name, int& value, int least, int most, const char* description) {
+  app.add_option("--" + name, value, description)
+      ->envname(EnvironmentNameOf(name))
+      ->check(CLI::Range(least, most))
+      ->capture_default_str();
+}
+
+// What is beyond them is refused with RESOURCE_EXHAUSTED (over HTTP 429), which names the option and its value.
+void AddLimits(CLI::App& app, ServerConfig& config) {
+  constexpr int kMost = 10'000'000;
+  AddNumber(app, "max-running-jobs", config.max_running_jobs, 1, 10'000,
+            "Jobs that share the workers; the others wait, but for the first of each client: up to twice as many run");
+  AddNumber(app, "max-queued-jobs", config.max_queued_jobs, 1, kMost,
+            "Jobs that may wait to begin; half of them a client's");
+  AddNumber(app, "max-jobs-per-client", config.max_jobs_per_client, 1, kMost,
+            "Unfinished jobs of one client, those of campaigns left out");
+  AddNumber(app, "max-campaigns-per-client", config.max_campaigns_per_client, 1, kMost,
+            "Unfinished campaigns of one client");
+  AddNumber(app, "max-job-memory-mib", config.max_job_memory_mib, 1, 1 << 20,
+            "Memory for what unfinished jobs are made of; half of it a client's");
+  AddNumber(app, "max-calls-waiting", config.max_calls_waiting, 1, kMost, "Calls of one kind that wait for a thread");
+  AddNumber(app, "max-calls-waiting-per-client", config.max_calls_waiting_per_client, 1, kMost, "Those of one client");
+  AddNumber(app, "max-waiting-mib", config.max_waiting_mib, 1, 1 << 20,
+            "Memory for large requests that have not been answered");
+  AddNumber(app, "max-episode-calls", config.max_episode_calls, 1, 1024,
+            "Calls at a time that fly episodes: SimulateEpisode, QueryGains that refines");
+  AddNumber(app, "max-verifications", config.max_verifications, 1, 1024, "Jobs verified at a time");
+  AddNumber(app, "max-request-bytes", config.max_request_bytes, 1024, 1 << 30, "Largest request over gRPC");
+  AddNumber(app, "max-response-bytes", config.max_response_bytes, 1024, 1 << 30, "Largest answer to a call");
+  AddNumber(app, "max-watchers", config.max_watchers, 1, 1'000'000, "Streams open at a time");
+  AddNumber(app, "max-watchers-per-client", config.max_watchers_per_client, 1, 1'000'000, "Those of one client");
+  AddNumber(app, "max-streams-per-connection", config.max_streams_per_connection, 1, 1'000'000,
+            "Calls at a time on one gRPC connection; a client waits with what comes beyond");
+  AddNumber(app, "grpc-memory-mib", config.grpc_memory_mib, 16, 1 << 20,
+            "Memory that gRPC may keep for connections and messages, those for slow watchers among them");
+}
+
+void AddLogOptions(CLI::App& app, ServerConfig& config) {
+  app.add_option("--log-format", config.log_format, "Of the log on standard error: text or json, a line per event")
+      ->envname("ORBITUNE_LOG_FORMAT")
+      ->check(CLI::IsMember({"text", "json"}))
+      ->capture_default_str();
+  app.add_option("--log-level", config.log_level, "debug (every call), info, warning or error")
+      ->envname("ORBITUNE_LOG_LEVEL")
+      ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
+      ->capture_default_str();
+  app.add_option("--log-slow-call-s", config.log_slow_call_s, "Seconds after which a call is logged as slow")
+      ->envname("ORBITUNE_LOG_SLOW_CALL_S")
+      ->check(CLI::Range(0.0, 86'400.0))
+      ->capture_default_str();
+}
 
 void AddHttpOptions(CLI::App& app, ServerConfig& config) {
   app.add_option("--web-dir", config.web_dir, "The dashboard's files; need not exist")
@@ -71,7 +121,7 @@ void AddHttpOptions(CLI::App& app, ServerConfig& config) {
                  "SCHEME://HOST[:PORT] of a page from elsewhere that may call this server; may be given again; *: all")
       ->envname("ORBITUNE_HTTP_CORS_ORIGIN")
       ->check(CheckOrigin);
-  app.add_option("--http-max-connections", config.http_max_connections, "HTTP connections at a time; more get 503")
+  app.add_option("--http-max-connections", config.http_max_connections, "HTTP connections at a time; more get 429")
       ->envname("ORBITUNE_HTTP_MAX_CONNECTIONS")
       ->check(CLI::Range(1, 100'000))
       ->capture_default_str();
@@ -99,9 +149,67 @@ void AddHttpOptions(CLI::App& app, ServerConfig& config) {
            "Seconds after which a reader that takes nothing is cut off");
 }
 
+void AddTlsOptions(CLI::App& app, ServerConfig& config) {
+  CLI::Option* const cert =
+      app.add_option("--tls-cert", config.tls_cert, "PEM file of the server's certificate and what leads to its root")
+          ->envname("ORBITUNE_TLS_CERT")
+          ->type_name("FILE");
+  CLI::Option* const key = app.add_option("--tls-key", config.tls_key, "PEM file of its key")
+                               ->envname("ORBITUNE_TLS_KEY")
+                               ->type_name("FILE");
+  cert->needs(key);
+  key->needs(cert);
+  app.add_option("--tls-client-ca", config.tls_client_ca,
+                 "PEM file of authorities: only clients with a certificate of theirs are let in")
+      ->envname("ORBITUNE_TLS_CLIENT_CA")
+      ->type_name("FILE")
+      ->needs(cert);
+  app.add_flag("--insecure", config.insecure,
+               "Listen on an address that is not loopback even without TLS or tokens: whoever reaches it may read "
+               "what passes, or do all")
+      ->envname("ORBITUNE_INSECURE");
+}
+
+void AddStorageOptions(CLI::App& app, ServerConfig& config) {
+  app.add_option("--start-check", config.start_check,
+                 "What of the database is read before the start: crash: its structure for up to 10 s, where the last "
+                 "server did not close it; full: all of it; off: nothing")
+      ->envname("ORBITUNE_START_CHECK")
+      ->check(CLI::IsMember({"crash", "full", "off"}))
+      ->capture_default_str();
+  const auto add_days = [&](const char* name, double& days, const char* environment, const char* description) {
+    app.add_option(name, days, description)
+        ->envname(environment)
+        ->check(CLI::Range(0.0, 36'500.0))
+        ->capture_default_str();
+  };
+  add_days("--retain-jobs-days", config.retain_jobs_days, "ORBITUNE_RETAIN_JOBS_DAYS",
+           "Days after its end at which a job of no campaign is deleted; 0: never. Gain sets always stay");
+  add_days("--retain-campaigns-days", config.retain_campaigns_days, "ORBITUNE_RETAIN_CAMPAIGNS_DAYS",
+           "Likewise, a campaign with its jobs");
+  add_days("--retain-iterations-days", config.retain_iterations_days, "ORBITUNE_RETAIN_ITERATIONS_DAYS",
+           "Likewise, the iterations of a job but the first, the best and the last");
+  add_days("--retain-backups-days", config.retain_backups_days, "ORBITUNE_RETAIN_BACKUPS_DAYS",
+           "Days after which a backup made before a migration is deleted; 0: never. The newest always stays");
+  app.add_option("--max-database-bytes", config.max_database_bytes,
+                 "Bytes in use in the database (20GB will do) above which what ended first is removed, iterations "
+                 "first; 0: no limit")
+      ->envname("ORBITUNE_MAX_DATABASE_BYTES")
+      ->transform(CLI::AsSizeValue(false))
+      ->capture_default_str();
+}
+
 }  // namespace
 
-std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_code) {
+std::string DefaultDataDir() {
+  if (const char* xdg = std::getenv("XDG_DATA_HOME"); xdg != nullptr && *xdg != '\0') {
+    return std::string(xdg) + "/orbitune";
+  }
+  const char* home = std::getenv("HOME");
+  return home != nullptr && *home != '\0' ? std::string(home) + "/.local/share/orbitune" : "orbitune-data";
+}
+
+std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, const std::string& footer, int& exit_code) {
   ServerConfig config;
   config.data_dir = DefaultDataDir();
   config.web_dir = DefaultWebDir();
@@ -129,21 +237,22 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, int& exit_c
       ->check(CheckHttpAddress)
       ->capture_default_str();
   AddHttpOptions(app, config);
+  AddTlsOptions(app, config);
+  AddStorageOptions(app, config);
   app.add_option("--threads", config.threads, "Worker threads; 0: one per core. Results do not depend on it")
       ->envname("ORBITUNE_THREADS")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
-  app.add_option("--max-running-jobs", config.max_running_jobs, "Jobs that share the workers; the others wait")
-      ->envname("ORBITUNE_MAX_RUNNING_JOBS")
-      ->check(CLI::Range(1, 10'000))
-      ->capture_default_str();
+  AddLimits(app, config);
+  AddLogOptions(app, config);
   app.add_option("--simd", config.simd, "Instruction set of the episode kernel: auto, avx512, avx2 or baseline")
       ->envname("ORBITUNE_SIMD")
       ->check(CLI::IsMember({"auto", "avx512", "avx2", "baseline"}))
       ->capture_default_str();
   app.footer(
       "SIGTERM or SIGINT: unfinished jobs are kept and taken up at the next start.\n"
-      "Exit status: 0 stopped by a signal, 1 could not start, 2 wrong usage.");
+      "Exit status: 0 stopped by a signal, 1 could not start, 2 wrong usage.\n" +
+      footer);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

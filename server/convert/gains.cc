@@ -140,6 +140,7 @@ absl::StatusOr<ImportedGainSet> FromProto(const v1::GainSet& set) {
   imported.algorithm = set.algorithm();
   imported.seed = set.seed();
   imported.engine_version = set.engine_version();
+  imported.history_digest = set.history_digest();
   imported.origin = set.name();
   return imported;
 }
@@ -164,6 +165,7 @@ void ToProto(const GainSet& set, v1::GainSet* out) {
   out->set_algorithm(set.algorithm);
   out->set_seed(set.seed);
   out->set_engine_version(set.engine_version);
+  out->set_history_digest(set.history_digest);
   out->set_origin(set.origin);
   ToProto(set.flight, out->mutable_flight());
 }

@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "absl/strings/str_cat.h"
+#include "server/convert/provenance.h"
 
 namespace orbitune {
 namespace {
@@ -160,6 +161,7 @@ absl::StatusOr<NewJob> FromProto(const v1::Job& job) {
   NewJob created;
   created.display_name = job.display_name();
   created.labels = {job.labels().begin(), job.labels().end()};
+  created.priority = job.priority();
   auto scenario = ChoiceFromProto(job.scenario(), job.has_scenario_definition(), job.scenario_definition());
   if (!scenario.ok()) {
     FieldErrors errors;
@@ -257,6 +259,8 @@ void ToProto(const JobRecord& record, v1::Job* out) {
   }
   out->set_warm_start(spec.warm_start);
   if (!spec.campaign_id.empty()) out->set_campaign(absl::StrCat("campaigns/", spec.campaign_id));
+  out->set_owner(spec.owner);
+  out->set_priority(spec.priority);
   ToProto(spec.scenario.search, out->mutable_hyperparameters());
   if (record.id.empty()) return;
   out->set_name(absl::StrCat("jobs/", record.id));
@@ -270,8 +274,12 @@ void ToProto(const JobRecord& record, v1::Job* out) {
   if (record.latest) ToProto(*record.latest, out->mutable_latest_iteration());
   if (record.best) ToProto(*record.best, out->mutable_best_iteration());
   out->set_last_seq(record.last_seq);
+  if (record.iterations_removed_us != 0) {
+    SetTime(record.iterations_removed_us, out->mutable_iterations_removed_time());
+  }
   if (record.report) ToProto(*record.report, out->mutable_report());
   out->set_error_message(record.error_message);
+  if (record.provenance) ProvenanceToProto(record, out->mutable_provenance());
   out->set_etag(EtagOf(record));
 }
 

@@ -93,6 +93,7 @@ GainSet MakeGainSet(const JobRecord& job, const PreparedScenario& prepared, cons
   set.algorithm = NameOf(spec.scenario.search.algorithm);
   set.seed = spec.scenario.search.seed;
   set.engine_version = EngineVersion();
+  if (job.provenance) set.history_digest = ToHex(job.provenance->digest);
   set.flight = ToFlight(report.best, lyapunov_decreasing);
   return set;
 }

@@ -10,6 +10,7 @@
 #include "server/rest/compress.h"
 #include "server/rest/error.h"
 #include "server/rest/openapi.h"
+#include "server/rest/session.h"
 #include "server/rest/text.h"
 #include "server/rest/transcode.h"
 
@@ -17,6 +18,7 @@ namespace orbitune::rest {
 namespace {
 
 constexpr char kJson[] = "application/json";
+constexpr std::string_view kSession = "/v1/session";
 
 HttpReply Ok(std::string_view type, std::string body) {
   return {.code = 200, .headers = {{"Content-Type", std::string(type)}}, .body = std::move(body)};
@@ -30,7 +32,8 @@ HttpReply MethodNotAllowed(const std::vector<std::string>& allowed) {
   return reply;
 }
 
-HttpReply TooManyWaiting() { return ErrorReply(absl::ResourceExhaustedError("too many requests are waiting")); }
+// A body of so many bytes is read as JSON where it arrives; a larger one on another thread.
+constexpr std::size_t kReadAtOnce = 4096;
 
 // "https://example.org:8443" without its scheme.
 std::string_view HostOf(std::string_view origin) {
@@ -53,6 +56,12 @@ bool IsJson(std::string_view content_type) {
   return EqualNoCase(Trim(content_type.substr(0, content_type.find(';'))), kJson);
 }
 
+HttpReply NotJson(const HttpRequest& request) {
+  return ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Type: must be application/json, got ",
+                                                            FormatReceived(request.header("Content-Type")))),
+                    415);
+}
+
 bool Reads(std::string_view http_method) { return http_method == "GET" || http_method == "HEAD"; }
 
 }  // namespace
@@ -61,8 +70,10 @@ bool Reads(std::string_view http_method) { return http_method == "GET" || http_m
 struct Gateway::Exchange {
   HttpRequest request;
   Target target;
-  Cancelled cancelled;
+  CallContext context;
   std::function<void(Reply)> done;
+  std::unique_ptr<google::protobuf::Message> in;
+  std::unique_ptr<google::protobuf::Message> out;
 };
 
 Gateway::Gateway(Api& api, GatewayOptions options)
@@ -73,23 +84,27 @@ Gateway::Gateway(Api& api, GatewayOptions options)
       openapi_(OpenApiJson(routes_)) {}
 
 void Gateway::Handle(HttpRequest request, Cancelled cancelled, std::function<void(Reply)> done) {
-  auto exchange = std::make_shared<Exchange>(Exchange{std::move(request), {}, std::move(cancelled), std::move(done)});
+  auto exchange =
+      std::make_shared<Exchange>(Exchange{std::move(request), {}, {{}, std::move(cancelled)}, std::move(done), {}, {}});
   if (absl::Status status = CheckOrigin(exchange->request); !status.ok()) return Send(*exchange, ErrorReply(status));
   auto target = ParseTarget(exchange->request.target);
   if (!target.ok()) return Send(*exchange, ErrorReply(target.status()));
   exchange->target = *std::move(target);
   const std::string& path = exchange->target.path;
   const std::string& method = exchange->request.method;
-  const bool is_fixed = path == "/healthz" || path == "/readyz" || path == "/openapi.json";
+  if (path == kSession && (method == "POST" || method == "DELETE")) return HandleSession(exchange);
+  const bool is_fixed = path == "/healthz" || path == "/readyz" || path == "/openapi.json" || path == "/metrics";
   RouteTable::Match match = routes_.Find(method, path);
   const bool is_api = is_fixed || !match.allowed.empty() || path.starts_with("/v1/");
   if (!is_api || is_fixed) match.allowed = {"GET", "HEAD"};
+  if (path == kSession) match.allowed = {"POST", "DELETE"};
   if (match.route != nullptr) return HandleRoute(match, exchange);
   if (match.allowed.empty()) {
     return Send(*exchange, ErrorReply(absl::NotFoundError("no such path; /openapi.json lists what there is")));
   }
   if (method == "OPTIONS") return Send(*exchange, Preflight(exchange->request, match.allowed));
-  if (!Reads(method)) return Send(*exchange, MethodNotAllowed(match.allowed));
+  if (!Reads(method) || path == kSession) return Send(*exchange, MethodNotAllowed(match.allowed));
+  if (path == "/metrics" && options_.metrics) return HandleMetrics(exchange);
   if (is_fixed) return Send(*exchange, Fixed(exchange->request, exchange->target));
   if (is_api) return Send(*exchange, MethodNotAllowed(match.allowed));
   HandleFile(exchange);
@@ -99,8 +114,10 @@ HttpReply Gateway::Refuse(const absl::Status& status, int http_code) const { ret
 
 Gateway::Reply Gateway::Fixed(const HttpRequest&, const Target& target) const {
   if (target.path == "/openapi.json") return Ok(kJson, openapi_);
-  if (target.path == "/healthz" || serving_) return Ok("text/plain; charset=utf-8", "ok\n");
-  return ErrorReply(absl::UnavailableError("the server is going down, or its disk fails"));
+  if (target.path == "/metrics") return ErrorReply(absl::NotFoundError("this server shows no metrics"));
+  const std::lock_guard lock(state_mutex_);
+  if (target.path == "/healthz" || state_.ok()) return Ok("text/plain; charset=utf-8", "ok\n");
+  return ErrorReply(state_);
 }
 
 absl::Status Gateway::CheckOrigin(const HttpRequest& request) const {
@@ -113,6 +130,9 @@ absl::Status Gateway::CheckOrigin(const HttpRequest& request) const {
         absl::StrCat("this server is not ", FormatReceived(host), ": it is called localhost, or by its address"));
   }
   const std::string_view origin = request.header("Origin");
+  if (ByCookie(request) && !Reads(request.method) && !EqualNoCase(HostOf(origin), host)) {
+    return absl::PermissionDeniedError("with the session's cookie only this server's own pages may change something");
+  }
   if (origin.empty() || Reads(request.method) || request.method == "OPTIONS") return absl::OkStatus();
   if (EqualNoCase(HostOf(origin), host) || IsAllowedOrigin(origin)) return absl::OkStatus();
   return absl::PermissionDeniedError(absl::StrCat("a page of ", FormatReceived(origin),
@@ -126,14 +146,34 @@ bool Gateway::IsAllowedOrigin(std::string_view origin) const {
   });
 }
 
+absl::StatusOr<Caller> Gateway::Admit(const Method& method, const HttpRequest& request) const {
+  auto caller = api_.Authenticate(CredentialsOf(request), method.descriptor->full_name());
+  if (!caller.ok()) return caller;
+  if (absl::Status status = api_.CheckRole(method, *caller); !status.ok()) return status;
+  return caller;
+}
+
+void Gateway::HandleSession(const std::shared_ptr<Exchange>& exchange) {
+  const HttpRequest& request = exchange->request;
+  if (request.method == "POST" && !IsJson(request.header("Content-Type"))) return Send(*exchange, NotJson(request));
+  Post(Work::kWrite, exchange, [self = shared_from_this(), exchange] {
+    const HttpRequest& asked = exchange->request;
+    self->Send(*exchange,
+               asked.method == "POST" ? LogIn(self->api_.access(), asked) : LogOut(self->api_.access(), asked));
+  });
+}
+
+void Gateway::Post(Work work, const std::shared_ptr<Exchange>& exchange, std::function<void()> task) {
+  const absl::Status posted = api_.executors().For(work).TryPost(exchange->request.peer, std::move(task));
+  if (!posted.ok()) Send(*exchange, ErrorReply(posted));
+}
+
 void Gateway::HandleRoute(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange) {
   const HttpRequest& request = exchange->request;
-  if (!request.body.empty() && !IsJson(request.header("Content-Type"))) {
-    return Send(*exchange,
-                ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Type: must be application/json, got ",
-                                                                   FormatReceived(request.header("Content-Type")))),
-                           415));
-  }
+  auto caller = Admit(*match.route->method, request);
+  if (!caller.ok()) return Send(*exchange, AccessRefusal(caller.status(), request));
+  exchange->context.caller = *std::move(caller);
+  if (!request.body.empty() && !IsJson(request.header("Content-Type"))) return Send(*exchange, NotJson(request));
   if (const std::string_view coding = request.header("Content-Encoding"); !coding.empty()) {
     return Send(*exchange,
                 ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Encoding: a request is sent as it is, got ",
@@ -141,36 +181,51 @@ void Gateway::HandleRoute(const RouteTable::Match& match, const std::shared_ptr<
                            415));
   }
   if (match.route->method->open != nullptr) return Send(*exchange, OpenStream(match, *exchange));
-  const bool posted =
-      api_.executors().For(match.route->method->work).TryPost([self = shared_from_this(), match, exchange] {
-        self->Send(*exchange, self->Answer(match, *exchange));
-      });
-  if (!posted) Send(*exchange, TooManyWaiting());
+  exchange->context.transport = "http";
+  if (request.body.size() <= kReadAtOnce) return CallMethod(match, exchange);
+  Post(Work::kWrite, exchange, [self = shared_from_this(), match, exchange] { self->CallMethod(match, exchange); });
 }
 
 void Gateway::HandleFile(const std::shared_ptr<Exchange>& exchange) {
-  const bool posted = api_.executors().For(Work::kRead).TryPost([self = shared_from_this(), exchange] {
+  Post(Work::kRead, exchange, [self = shared_from_this(), exchange] {
     self->Send(*exchange, self->files_.Get(exchange->request, exchange->target.path));
   });
-  if (!posted) Send(*exchange, TooManyWaiting());
 }
 
-HttpReply Gateway::Answer(const RouteTable::Match& match, const Exchange& exchange) const {
+// As Prometheus reads it. With tokens, it needs one.
+void Gateway::HandleMetrics(const std::shared_ptr<Exchange>& exchange) {
+  const auto caller = api_.Authenticate(CredentialsOf(exchange->request), "metrics");
+  if (!caller.ok()) return Send(*exchange, AccessRefusal(caller.status(), exchange->request));
+  Post(Work::kRead, exchange, [self = shared_from_this(), exchange] {
+    HttpReply reply = Ok("text/plain; version=0.0.4; charset=utf-8", self->options_.metrics());
+    reply.headers.emplace_back("Cache-Control", "no-store");
+    if (Accepts(exchange->request.header("Accept-Encoding"), "gzip")) Compress(reply);
+    self->Send(*exchange, std::move(reply));
+  });
+}
+
+void Gateway::CallMethod(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange) {
   const Method& method = *match.route->method;
-  const std::unique_ptr<google::protobuf::Message> request(method.request->New());
-  absl::Status status =
-      ReadRequest(*match.route, match.bindings, exchange.target.query, exchange.request.body, request.get());
-  if (!status.ok()) return ErrorReply(status);
-  const std::unique_ptr<google::protobuf::Message> response(method.response->New());
-  status = method.answer(*request, response.get(), exchange.cancelled);
-  if (!status.ok()) return ErrorReply(status);
-  HttpReply reply = Ok(kJson, ToJson(*response) + "\n");
+  exchange->in.reset(method.request->New());
+  exchange->out.reset(method.response->New());
+  const absl::Status status =
+      ReadRequest(*match.route, match.bindings, exchange->target.query, exchange->request.body, exchange->in.get());
+  if (!status.ok()) return Send(*exchange, ErrorReply(status));
+  exchange->request.body = std::string();
+  api_.Call(method, exchange->context, *exchange->in, exchange->out.get(),
+            [self = shared_from_this(), exchange](const absl::Status& answered) {
+              self->Send(*exchange, answered.ok() ? Answer(*exchange) : ErrorReply(answered));
+            });
+}
+
+HttpReply Gateway::Answer(const Exchange& exchange) {
+  HttpReply reply = Ok(kJson, ToJson(*exchange.out) + "\n");
   reply.headers.emplace_back("Cache-Control", "no-store");
   if (Accepts(exchange.request.header("Accept-Encoding"), "gzip")) Compress(reply);
   return reply;
 }
 
-Gateway::Reply Gateway::OpenStream(const RouteTable::Match& match, const Exchange& exchange) const {
+Gateway::Reply Gateway::OpenStream(const RouteTable::Match& match, Exchange& exchange) const {
   StreamReply reply{.feed = nullptr,
                     .sse = Accepts(exchange.request.header("Accept"), "text/event-stream"),
                     .resumed = false,
@@ -189,7 +244,8 @@ Gateway::Reply Gateway::OpenStream(const RouteTable::Match& match, const Exchang
   reply.headers = {{"Content-Type", reply.sse ? "text/event-stream" : "application/x-ndjson"},
                    {"Cache-Control", "no-store"},
                    {"X-Accel-Buffering", "no"}};
-  reply.feed = method.open(*request);
+  exchange.context.transport = reply.sse ? "sse" : "ndjson";
+  reply.feed = api_.Open(method, exchange.context, *request);
   return reply;
 }
 
@@ -197,7 +253,7 @@ HttpReply Gateway::Preflight(const HttpRequest& request, const std::vector<std::
   HttpReply reply{.code = 204, .headers = {{"Allow", absl::StrJoin(allowed, ", ")}}, .body = {}};
   if (IsAllowedOrigin(request.header("Origin"))) {
     reply.headers.emplace_back("Access-Control-Allow-Methods", absl::StrJoin(allowed, ", "));
-    reply.headers.emplace_back("Access-Control-Allow-Headers", "Content-Type, Last-Event-ID");
+    reply.headers.emplace_back("Access-Control-Allow-Headers", "Authorization, Content-Type, Last-Event-ID");
     reply.headers.emplace_back("Access-Control-Max-Age", "600");
   }
   return reply;
@@ -207,17 +263,14 @@ void Gateway::Send(const Exchange& exchange, Reply reply) const {
   auto& headers = std::visit(
       [](auto& r) -> auto& { return r.headers; }, reply);
   headers.emplace_back("X-Content-Type-Options", "nosniff");
+  const std::string& request_id = exchange.context.caller.request_id;
+  if (!request_id.empty()) headers.emplace_back("X-Request-Id", request_id);
   if (const std::string_view origin = exchange.request.header("Origin"); !origin.empty() && IsAllowedOrigin(origin)) {
     headers.emplace_back("Access-Control-Allow-Origin", origin);
-    headers.emplace_back("Access-Control-Expose-Headers", "Retry-After");
+    headers.emplace_back("Access-Control-Expose-Headers", "Retry-After, X-Request-Id");
   }
   if (!options_.cors_origins.empty()) headers.emplace_back("Vary", "Origin");
   exchange.done(std::move(reply));
-}
-
-void AppendSse(const StreamMessage& message, std::string& out) {
-  absl::StrAppend(&out, "id: ", message.about().resume_after_seq, "\nevent: ", ToAbsl(message.about().kind),
-                  "\ndata: ", message.json(), "\n\n");
 }
 
 }  // namespace orbitune::rest

@@ -2,9 +2,9 @@
 // files.
 #pragma once
 
-#include <atomic>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <variant>
 #include <vector>
@@ -22,6 +22,7 @@ struct GatewayOptions {
   // Refuse Host headers that are neither localhost nor an IP address nor an allowed origin's, so that no page can make
   // a browser take this server for its own (DNS rebinding).
   bool local_hosts_only = false;
+  std::function<std::string()> metrics;  // what /metrics answers; may block; unset: there are none
 };
 
 // A reply that goes on: messages of a feed, as Server-Sent Events or a line each.
@@ -46,19 +47,27 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
   // What a request gets that never became one: a syntax error, a limit exceeded.
   HttpReply Refuse(const absl::Status& status, int http_code) const;
 
-  // What /readyz answers.
-  void SetServing(bool serving) { serving_ = serving; }
+  // What /readyz answers: OK, or why the server takes no work.
+  void SetServing(const absl::Status& state) {
+    const std::lock_guard lock(state_mutex_);
+    state_ = state;
+  }
 
  private:
   struct Exchange;
 
   Reply Fixed(const HttpRequest& request, const Target& target) const;
   absl::Status CheckOrigin(const HttpRequest& request) const;
+  void HandleSession(const std::shared_ptr<Exchange>& exchange);
+  absl::StatusOr<Caller> Admit(const Method& method, const HttpRequest& request) const;
   bool IsAllowedOrigin(std::string_view origin) const;
   void HandleRoute(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange);
   void HandleFile(const std::shared_ptr<Exchange>& exchange);
-  HttpReply Answer(const RouteTable::Match& match, const Exchange& exchange) const;
-  Reply OpenStream(const RouteTable::Match& match, const Exchange& exchange) const;
+  void HandleMetrics(const std::shared_ptr<Exchange>& exchange);
+  void Post(Work work, const std::shared_ptr<Exchange>& exchange, std::function<void()> task);
+  void CallMethod(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange);
+  static HttpReply Answer(const Exchange& exchange);
+  Reply OpenStream(const RouteTable::Match& match, Exchange& exchange) const;
   HttpReply Preflight(const HttpRequest& request, const std::vector<std::string>& allowed) const;
   void Send(const Exchange& exchange, Reply reply) const;
 
@@ -67,10 +76,8 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
   const RouteTable routes_;
   const StaticFiles files_;
   const std::string openapi_;
-  std::atomic<bool> serving_ = true;
+  mutable std::mutex state_mutex_;
+  absl::Status state_;  // guarded by state_mutex_
 };
-
-// One event as text/event-stream has it; json: one line.
-void AppendSse(const StreamMessage& message, std::string& out);
 
 }  // namespace orbitune::rest

@@ -22,6 +22,8 @@ struct HttpRequest {
   std::string target;  // as sent: path, and query
   std::map<std::string, std::string, NoCase> headers;
   std::string body;
+  std::string peer;     // IP address
+  bool secure = false;  // came under TLS
 
   // Empty where there is none.
   std::string_view header(std::string_view name) const;

@@ -5,6 +5,8 @@
 #include <set>
 
 #include "absl/strings/str_cat.h"
+#include "orbitune/v1/audit.pb.h"
+#include "server/rest/comments.h"
 
 namespace orbitune::rest {
 namespace {
@@ -14,12 +16,25 @@ using google::protobuf::EnumDescriptor;
 using google::protobuf::FieldDescriptor;
 using Json = nlohmann::ordered_json;
 
+// Adds what is said of it, where anything is.
+Json Described(Json json, const std::string& text) {
+  if (text.empty()) return json;
+  if (!json.contains("$ref")) {
+    const std::string more = json.value("description", "");
+    json["description"] = more.empty() ? text : absl::StrCat(text, " ", more);
+    return json;
+  }
+  return {{"allOf", Json::array({std::move(json)})}, {"description", text}};  // nothing may stand beside a $ref
+}
+
 Json Reference(const std::string& name) { return {{"$ref", "#/components/schemas/" + name}}; }
 
 // Schemas of the messages that are used, by name.
 class Schemas {
  public:
-  Schemas() { schemas_["Error"] = ErrorSchema(); }
+  explicit Schemas(const Comments& comments) : comments_(comments) { schemas_["Error"] = ErrorSchema(); }
+
+  const Comments& comments() const { return comments_; }
 
   Json Of(const Descriptor* type) {
     if (type->full_name() == "google.protobuf.Timestamp") return {{"type", "string"}, {"format", "date-time"}};
@@ -31,7 +46,12 @@ class Schemas {
     return Reference(type->name());
   }
 
-  Json Of(const FieldDescriptor* field) {
+  Json Of(const FieldDescriptor* field) { return Described(Bare(field), comments_.Of(field)); }
+
+  Json Take() { return Json(schemas_); }
+
+ private:
+  Json Bare(const FieldDescriptor* field) {
     if (field->is_map()) {
       return {{"type", "object"}, {"additionalProperties", Single(field->message_type()->FindFieldByNumber(2))}};
     }
@@ -39,9 +59,6 @@ class Schemas {
     return Single(field);
   }
 
-  Json Take() { return Json(schemas_); }
-
- private:
   static Json ErrorSchema() {
     Json error = {{"type", "object"},
                   {"properties",
@@ -58,13 +75,20 @@ class Schemas {
   Json Object(const Descriptor* type) {
     Json properties = Json::object();
     for (int i = 0; i < type->field_count(); ++i) properties[type->field(i)->name()] = Of(type->field(i));
-    return {{"type", "object"}, {"properties", std::move(properties)}, {"additionalProperties", false}};
+    return Described({{"type", "object"}, {"properties", std::move(properties)}, {"additionalProperties", false}},
+                     comments_.Of(type));
   }
 
-  static Json Enum(const EnumDescriptor* type) {
+  Json Enum(const EnumDescriptor* type) const {
     Json names = Json::array();
-    for (int i = 0; i < type->value_count(); ++i) names.push_back(type->value(i)->name());
-    return {{"type", "string"}, {"enum", std::move(names)}};
+    std::string text = comments_.Of(type);
+    for (int i = 0; i < type->value_count(); ++i) {
+      const std::string& name = type->value(i)->name();
+      const std::string comment = comments_.Of(type->value(i));
+      names.push_back(name);
+      if (!comment.empty()) absl::StrAppend(&text, text.empty() ? "" : " ", name, ": ", comment, ".");
+    }
+    return Described({{"type", "string"}, {"enum", std::move(names)}}, text);
   }
 
   Json Single(const FieldDescriptor* field) {
@@ -91,6 +115,7 @@ class Schemas {
     return {};
   }
 
+  const Comments& comments_;
   std::map<std::string, Json> schemas_;
 };
 
@@ -107,7 +132,8 @@ void AddQueryParameters(const Descriptor* type, const std::string& prefix, const
     const std::string name = prefix + field->name();
     if (taken.contains(name) || field->is_map()) continue;
     if (!IsMessage(field)) {
-      parameters.push_back({{"name", name}, {"in", "query"}, {"schema", schemas.Of(field)}});
+      parameters.push_back(
+          Described({{"name", name}, {"in", "query"}, {"schema", schemas.Of(field)}}, schemas.comments().Of(field)));
     } else if (!field->is_repeated() && field->message_type() != type) {
       AddQueryParameters(field->message_type(), name + ".", taken, schemas, parameters);
     }
@@ -138,7 +164,9 @@ Json Operation(const Route& route, Schemas& schemas) {
   const google::protobuf::MethodDescriptor& method = *route.method->descriptor;
   Json operation = {{"operationId", absl::StrCat(method.service()->name(), "_", method.name())},
                     {"tags", {method.service()->name()}},
+                    {"x-orbitune-role", std::string(NameOf(route.method->access.role))},
                     {"parameters", Parameters(route, schemas)}};
+  operation = Described(std::move(operation), schemas.comments().Of(&method));
   if (!route.body.empty()) {
     const Descriptor* request = method.input_type();
     operation["requestBody"] =
@@ -153,6 +181,29 @@ Json Operation(const Route& route, Schemas& schemas) {
   error["description"] = "an error";
   operation["responses"] = {{"200", std::move(success)}, {"default", std::move(error)}};
   return operation;
+}
+
+// How a browser logs in and out: HTTP only, and so no method.
+Json SessionPath(Schemas& schemas) {
+  Json error = Content({"application/json"}, Reference("Error"));
+  error["description"] = "an error";
+  const auto operation = [&error](const char* id, const char* code, Json success) {
+    return Json{{"operationId", id},
+                {"tags", {"AccessService"}},
+                {"responses", {{code, std::move(success)}, {"default", error}}}};
+  };
+  Json caller = Content({"application/json"}, schemas.Of(v1::Caller::descriptor()));
+  caller["description"] = "who that is; the cookie comes with it";
+  Json log_in = operation("LogIn", "200", std::move(caller));
+  log_in["requestBody"] = Content({"application/json"}, schemas.Of(v1::CreateSessionRequest::descriptor()));
+  log_in["security"] = Json::array();
+  return {{"post", std::move(log_in)}, {"delete", operation("LogOut", "204", {{"description", "logged out"}})}};
+}
+
+// None where the server has no tokens.
+Json SecuritySchemes() {
+  return {{"token", {{"type", "http"}, {"scheme", "bearer"}}},
+          {"session", {{"type", "apiKey"}, {"in", "cookie"}, {"name", "orbitune_session"}}}};
 }
 
 std::string Lowercase(std::string text) {
@@ -176,20 +227,28 @@ std::string OpenApiPath(const PathTemplate& path) {
 }
 
 std::string OpenApiJson(const RouteTable& routes) {
-  Schemas schemas;
+  const Comments comments;
+  Schemas schemas(comments);
   Json paths = Json::object();
+  std::map<std::string, Json> tags;  // a service each
   for (const Route& route : routes.all()) {
+    const auto* service = route.method->descriptor->service();
+    tags[service->name()] = Described({{"name", service->name()}}, comments.OfFile(service->file()));
     paths[OpenApiPath(route.path)][Lowercase(route.http_method)] = Operation(route, schemas);
   }
-  const Json document = {{"openapi", "3.0.3"},
-                         {"info",
-                          {{"title", "Orbitune"},
-                           {"version", "v1"},
-                           {"description",
-                            "Tunes the gains of an orbital tracking controller. Names carry units; 64-bit integers are "
-                            "strings. Docs: docs/api.md; the same over gRPC."}}},
-                         {"paths", std::move(paths)},
-                         {"components", {{"schemas", schemas.Take()}}}};
+  paths["/v1/session"] = SessionPath(schemas);
+  Json document = {{"openapi", "3.0.3"},
+                   {"info",
+                    {{"title", "Orbitune"},
+                     {"version", "v1"},
+                     {"description",
+                      "Tunes the gains of an orbital tracking controller. Names carry units; 64-bit integers are "
+                      "strings. Docs: docs/api.md; the same over gRPC."}}},
+                   {"tags", Json::array()},
+                   {"security", {Json::object(), {{"token", Json::array()}}, {{"session", Json::array()}}}},
+                   {"paths", std::move(paths)},
+                   {"components", {{"schemas", schemas.Take()}, {"securitySchemes", SecuritySchemes()}}}};
+  for (auto& [name, tag] : tags) document["tags"].push_back(std::move(tag));
   return document.dump(2) + "\n";
 }
 

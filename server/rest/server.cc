@@ -2,7 +2,10 @@
 // called from elsewhere: it leaves its result in a Slot.
 #include "server/rest/server.h"
 
+#include <fcntl.h>
 #include <sys/socket.h>
+#include <sys/uio.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -17,7 +20,6 @@
 #include <boost/asio/write.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
-#include <cstdio>
 #include <ctime>
 #include <exception>
 #include <optional>
@@ -28,8 +30,11 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status.h"
+#include "server/jobs/limit.h"
+#include "server/log/log.h"
 #include "server/rest/error.h"
 #include "server/rest/gateway.h"
+#include "server/rest/transport.h"
 
 namespace orbitune {
 namespace {
@@ -54,6 +59,11 @@ constexpr std::chrono::microseconds kPacePerStream{400};
 constexpr std::chrono::microseconds kSlowestPace{200'000};
 constexpr int kStreamSendBuffer = 256 << 10;  // what the system holds for a reader, likewise
 
+constexpr std::string_view kRetry = "retry: 1000\n\n";
+constexpr std::string_view kHeartbeat = ": heartbeat\n\n";
+constexpr std::string_view kChunkEnd = "\r\n";
+constexpr std::string_view kLastChunk = "0\r\n\r\n";
+
 class Connection;
 
 // What connections share. Tasks of the API's executors hold on to it, so that they can outlive the server.
@@ -62,12 +72,35 @@ struct Core : std::enable_shared_from_this<Core> {
 
   void Log(const std::string& line) const {
     if (options.log) return options.log(line);
-    std::fprintf(stderr, "orbituned: http: %s\n", line.c_str());
+    orbitune::Log(LogLevel::kWarning, "http", {{"what", line}});
+  }
+
+  // Asks on a thread for streams, together with all who wait by then: watchers of one job that ask together get the
+  // same pieces of text, and one task does it for all of them. The more there are, the rarer the turns.
+  using Ask = std::function<void(const std::shared_ptr<Core>&)>;
+  void AskAtNextTurn(Ask ask) {
+    waiting.push_back(std::move(ask));
+    if (waiting.size() > 1) return;
+    const Clock::duration pace = std::min<Clock::duration>(std::max(streams, 1) * kPacePerStream, kSlowestPace);
+    const Clock::duration now = Clock::now().time_since_epoch();
+    turn.expires_at(Clock::time_point(now - now % pace + pace));
+    turn.async_wait([this](error_code) { PostAsks(std::exchange(waiting, {})); });
+  }
+  void PostAsks(std::vector<Ask> asks) {
+    api.executors().For(Work::kStream).Post([core = shared_from_this(), asks = std::move(asks)] {
+      for (const Ask& ask : asks) ask(core);
+    });
+  }
+
+  // nullptr: in the clear.
+  SSL* NewTlsConnection() const {
+    return tls == nullptr ? nullptr : tls->NewConnection([this](const std::string& line) { Log(line); });
   }
 
   const HttpOptions options;
   Api& api;
   std::shared_ptr<Gateway> gateway;
+  std::unique_ptr<TlsContext> tls;  // nullptr: in the clear
   std::set<Connection*> connections;
   std::size_t body_bytes = 0;  // of requests that are being received
   int streams = 0;
@@ -76,6 +109,8 @@ struct Core : std::enable_shared_from_this<Core> {
   char ignored[16 << 10];
   net::io_context io{1};  // the last: destroys the coroutines that are left, which use the rest
   net::steady_timer grace{io};
+  net::steady_timer turn{io};
+  std::vector<Ask> waiting;  // for the next turn
 };
 
 // Where another thread leaves what a coroutine waits for.
@@ -108,30 +143,89 @@ class Slot : public std::enable_shared_from_this<Slot<T>> {
   std::optional<T> value_;
 };
 
-// A batch of a feed, as text.
+// A batch of a feed, as text: pieces of the runs' own, which watchers share, or one made here.
 struct Chunk {
-  std::string text;
+  std::vector<net::const_buffer> text;
+  std::vector<StreamPart> parts;  // these hold what `text` points into
+  std::vector<std::shared_ptr<const std::string>> own;
   bool full = false;          // there may be more at once
   bool nothing_more = false;  // the first message is the last
   std::optional<absl::Status> end;
 };
 
-Chunk ToChunk(const Feed::Batch& batch, bool sse) {
-  Chunk chunk{.text = {}, .full = batch.items.size() == kBatch, .nothing_more = false, .end = batch.end};
-  if (!batch.items.empty()) chunk.nothing_more = batch.items.front()->about().last;
-  for (const FeedItem& item : batch.items) {
+net::const_buffer Keep(std::string text, Chunk& chunk) {
+  chunk.own.push_back(std::make_shared<const std::string>(std::move(text)));
+  return net::buffer(*chunk.own.back());
+}
+
+// As HTTP/1.1 has a chunk of a body.
+void Frame(Chunk& chunk) {
+  if (chunk.text.empty()) return;
+  chunk.text.insert(chunk.text.begin(), Keep(absl::StrCat(absl::Hex(net::buffer_size(chunk.text)), "\r\n"), chunk));
+  chunk.text.push_back(net::buffer(kChunkEnd));
+}
+
+Chunk ToChunk(Feed::Batch batch, bool sse) {
+  Chunk chunk;
+  chunk.parts = std::move(batch.parts);
+  chunk.end = batch.end;
+  chunk.nothing_more = !chunk.parts.empty() && chunk.parts.front().front()->about.last;
+  std::size_t count = 0;
+  std::string lines;
+  for (const StreamPart& part : chunk.parts) {
+    count += part.size();
     if (sse) {
-      rest::AppendSse(*item, chunk.text);
+      chunk.text.push_back(net::buffer(part.run->Events(part.begin, part.end)));
     } else {
-      absl::StrAppend(&chunk.text, item->json(), "\n");
+      for (std::size_t i = part.begin; i < part.end; ++i) absl::StrAppend(&lines, ToAbsl(part.run->Line(i)), "\n");
     }
   }
+  chunk.full = count == kBatch;
+  if (!lines.empty()) chunk.text = {Keep(std::move(lines), chunk)};
   if (batch.end && !batch.end->ok()) {
     const std::string error = rest::ErrorJson(*batch.end);
-    chunk.text = sse ? absl::StrCat("event: error\ndata: ", error, "\n\n") : error + "\n";
+    chunk.text = {Keep(sse ? absl::StrCat("event: error\ndata: ", error, "\n\n") : error + "\n", chunk)};
   }
   return chunk;
 }
+
+// A watcher's socket for the threads for streams, which send what goes at once: unlike the I/O thread, for which every
+// request waits, they step back behind the tuning. What is left is the I/O thread's; one of the two writes at a time.
+class Outlet {
+ public:
+  // A descriptor of its own, so that it is this watcher's whenever the connection is closed.
+  explicit Outlet(int socket) : socket_(fcntl(socket, F_DUPFD_CLOEXEC, 0)) {}
+  Outlet(const Outlet&) = delete;
+  Outlet& operator=(const Outlet&) = delete;
+  ~Outlet() {
+    if (socket_ >= 0) close(socket_);
+  }
+
+  // False if the other side has it.
+  bool Take() { return !taken_.exchange(true); }
+  void GiveBack() { taken_ = false; }
+
+  // Sends what goes without waiting and removes it from `text`.
+  void Send(std::vector<net::const_buffer>& text) const {
+    std::vector<iovec> pieces;
+    for (const net::const_buffer& piece : text) pieces.push_back({const_cast<void*>(piece.data()), piece.size()});
+    msghdr message{};
+    message.msg_iov = pieces.data();
+    message.msg_iovlen = std::min<std::size_t>(pieces.size(), kMostPieces);
+    const ssize_t sent = sendmsg(socket_, &message, MSG_DONTWAIT | MSG_NOSIGNAL);
+    auto left = sent > 0 ? static_cast<std::size_t>(sent) : 0;
+    auto first = text.begin();
+    for (; first != text.end() && left >= first->size(); ++first) left -= first->size();
+    if (first != text.end()) *first += left;
+    text.erase(text.begin(), first);
+  }
+
+ private:
+  static constexpr std::size_t kMostPieces = 1024;  // of a call; what is beyond is left
+
+  const int socket_;
+  std::atomic<bool> taken_ = false;
+};
 
 std::string HttpDate() {
   const std::time_t now = std::time(nullptr);
@@ -156,7 +250,9 @@ auto Report(Core& core) {
 class Connection : public std::enable_shared_from_this<Connection> {
  public:
   Connection(Core& core, tcp::socket socket)
-      : core_(core), stream_(std::move(socket)), buffer_(core.options.max_header_bytes + (128 << 10)) {
+      : core_(core),
+        stream_(std::move(socket), core.NewTlsConnection()),
+        buffer_(core.options.max_header_bytes + (128 << 10)) {
     core_.connections.insert(this);
   }
   ~Connection() {
@@ -166,7 +262,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   static net::awaitable<void> Run(std::shared_ptr<Connection> self) {
-    bool open = true;  // g++ 12 gets a co_await in a loop's condition wrong
+    bool open = co_await self->Greet();  // g++ 12 gets a co_await in a loop's condition wrong
     while (open) open = co_await self->Serve();
     co_await self->Close();
   }
@@ -186,8 +282,18 @@ class Connection : public std::enable_shared_from_this<Connection> {
     bool sse;
     bool chunked;
     std::shared_ptr<Slot<Chunk>> slot;
-    std::string peer;  // HOST:PORT
+    std::string peer;                // HOST:PORT
+    std::shared_ptr<Outlet> outlet;  // once it has begun, and in the clear
+    bool begun = false;
   };
+
+  // False if the connection is to be closed.
+  net::awaitable<bool> Greet() {
+    if (!stream_.secure()) co_return true;
+    stream_.expires_after(core_.options.header_time);
+    const auto [error] = co_await stream_.async_handshake(kAwait);
+    co_return !error;
+  }
 
   // One request and its reply. False if the connection is to be closed.
   net::awaitable<bool> Serve() {
@@ -200,6 +306,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
       co_return false;
     }
     HttpRequest request = ToRequest(parser);
+    request.peer = PeerAddress();
+    request.secure = stream_.secure();
     const bool head = request.method == "HEAD";
     const unsigned version = parser.get().version();
     const bool keep_alive = parser.get().keep_alive();
@@ -228,29 +336,46 @@ class Connection : public std::enable_shared_from_this<Connection> {
       if (error) co_return http::error::end_of_stream;
       buffer_.commit(count);
     }
-    stream_.expires_after(core_.options.header_time);
-    const auto [error, count] = co_await http::async_read_header(stream_, buffer_, parser, kAwait);
+    const error_code error =
+        co_await ReadWithin(core_.options.header_time, parser, [&] { return parser.is_header_done(); });
     if (error) co_return error;
     co_return co_await ReadBody(parser);
   }
 
   net::awaitable<error_code> ReadBody(Parser& parser) {
-    stream_.expires_after(core_.options.body_time);
     if (!parser.is_done() && beast::iequals(parser.get()[http::field::expect], "100-continue")) {
       static constexpr std::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
+      stream_.expires_after(core_.options.body_time);
       const auto [error, count] = co_await net::async_write(stream_, net::buffer(kContinue), kAwait);
       if (error) co_return error;
     }
-    while (!parser.is_done()) {
+    const error_code error = co_await ReadWithin(core_.options.body_time, parser, [&] { return parser.is_done(); });
+    if (!error && buffer_.size() == 0) buffer_.shrink_to_fit();
+    co_return error;
+  }
+
+  // Reads until `done`; timed_out where that takes too long. A stream's own time limit closes it: here another timer
+  // ends the read, so that the reason can still be told.
+  net::awaitable<error_code> ReadWithin(std::chrono::milliseconds time, Parser& parser, std::function<bool()> done) {
+    const auto late = std::make_shared<bool>(false);
+    net::steady_timer timer(core_.io, time);
+    timer.async_wait([late, self = shared_from_this()](error_code error) {
+      if (error || late.use_count() == 1) return;  // all was read
+      *late = true;
+      self->stream_.socket().cancel(error);
+    });
+    stream_.expires_never();
+    while (!done()) {
       const auto [error, count] = co_await http::async_read_some(stream_, buffer_, parser, kAwait);
+      if (*late) co_return net::error::make_error_code(net::error::timed_out);
       if (error) co_return error;
       const std::size_t size = parser.get().body().size();  // what is only announced is not touched, and costs nothing
       core_.body_bytes += size - body_bytes_;
       body_bytes_ = size;
-      if (core_.body_bytes > core_.options.max_bodies_bytes)
+      if (core_.body_bytes > core_.options.max_bodies_bytes) {
         co_return net::error::make_error_code(net::error::no_buffer_space);
+      }
     }
-    if (buffer_.size() == 0) buffer_.shrink_to_fit();
     co_return error_code();
   }
 
@@ -283,6 +408,11 @@ class Connection : public std::enable_shared_from_this<Connection> {
     } else if (error == http::error::body_limit) {
       const std::string text = absl::StrCat("the body: must be at most ", limits.max_body_bytes, " bytes");
       answer(absl::InvalidArgumentError(text), 413);
+    } else if (error == net::error::timed_out) {
+      answer(absl::DeadlineExceededError(absl::StrCat("the request: its head must be there within ",
+                                                      limits.header_time.count(), " ms, its body within ",
+                                                      limits.body_time.count(), " ms")),
+             408);
     } else if (error == net::error::no_buffer_space) {
       answer(absl::UnavailableError("too many large requests at once"), 503);
     } else if (error.category() == http::make_error_code(http::error::bad_method).category() &&
@@ -342,7 +472,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
                   .chunked = version >= 11,
                   .slot = std::make_shared<Slot<Chunk>>(core_.io),
                   .peer = Peer()};
-    AskFeed(stream);
+    core_.PostAsks({AskOf(stream)});
     co_await stream.slot->WaitUntil(Clock::time_point::max());
     Chunk first = stream.slot->Take();
     if (first.end) {
@@ -364,17 +494,23 @@ class Connection : public std::enable_shared_from_this<Connection> {
     ++core_.streams;
     const auto self = shared_from_this();
     net::co_spawn(core_.io, NoticeEnd(self, stream.feed), Report(core_));
+    stream.begun = true;
+    if (!stream_.secure()) stream.outlet = std::make_shared<Outlet>(stream_.socket().native_handle());
     co_await Pump(stream, std::move(first), target);
     --core_.streams;
   }
 
   // The feed may read the store and makes JSON: on a thread for that.
-  void AskFeed(const Stream& stream) {
-    core_.api.executors()
-        .For(Work::kStream)
-        .Post([core = core_.shared_from_this(), feed = stream.feed, slot = stream.slot, sse = stream.sse] {
-          feed->Next(kBatch, [core, slot, sse](const Feed::Batch& batch) { slot->Put(core, ToChunk(batch, sse)); });
-        });
+  static Core::Ask AskOf(const Stream& stream) {
+    return [feed = stream.feed, slot = stream.slot, outlet = stream.outlet, sse = stream.sse,
+            framed = stream.begun && stream.chunked](const std::shared_ptr<Core>& core) {
+      feed->Next(kBatch, [core, slot, outlet, sse, framed](Feed::Batch batch) {
+        Chunk chunk = ToChunk(std::move(batch), sse);
+        if (framed) Frame(chunk);
+        if (outlet != nullptr && outlet->Take()) outlet->Send(chunk.text);
+        slot->Put(core, std::move(chunk));
+      });
+    };
   }
 
   net::awaitable<bool> WriteStreamHead(const Stream& stream, const StreamReply& reply, unsigned version) {
@@ -391,47 +527,45 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   net::awaitable<void> Pump(Stream& stream, Chunk chunk, const std::string& target) {
-    if (stream.sse) chunk.text.insert(0, "retry: 1000\n\n");
+    if (stream.sse) chunk.text.insert(chunk.text.begin(), net::buffer(kRetry));
+    if (stream.chunked) Frame(chunk);
     while (true) {
-      const Clock::time_point next = Clock::now() + Pace();
-      const bool alive = co_await WriteChunk(stream, chunk.text, target);
+      const bool alive = co_await WriteText(stream, chunk.text, target);
       if (!alive) co_return;
+      if (stream.outlet != nullptr) stream.outlet->GiveBack();
       if (chunk.end) break;
-      if (!chunk.full) co_await SleepUntil(next);
-      AskFeed(stream);
+      if (chunk.full) {
+        core_.PostAsks({AskOf(stream)});
+      } else {
+        core_.AskAtNextTurn(AskOf(stream));
+      }
       while (true) {
         const bool filled = co_await stream.slot->WaitUntil(Clock::now() + core_.options.heartbeat);
         if (filled) break;
-        const bool there = !stream.sse || co_await WriteChunk(stream, ": heartbeat\n\n", target);
+        const bool there = co_await Beat(stream, target);
         if (!there) co_return;
       }
       chunk = stream.slot->Take();
     }
-    if (!stream.chunked) co_return;
-    static constexpr std::string_view kLastChunk = "0\r\n\r\n";
-    co_await net::async_write(stream_, net::buffer(kLastChunk), kAwait);
+    if (stream.chunked) co_await net::async_write(stream_, net::buffer(kLastChunk), kAwait);
   }
 
-  std::chrono::microseconds Pace() const { return std::min(core_.streams * kPacePerStream, kSlowestPace); }
-
-  net::awaitable<void> SleepUntil(Clock::time_point time) {
-    net::steady_timer timer(core_.io, time);
-    co_await timer.async_wait(kAwait);
+  // Unless something is being sent right now.
+  net::awaitable<bool> Beat(const Stream& stream, const std::string& target) {
+    if (!stream.sse || (stream.outlet != nullptr && !stream.outlet->Take())) co_return true;
+    Chunk chunk;
+    chunk.text = {net::buffer(kHeartbeat)};
+    if (stream.chunked) Frame(chunk);
+    const bool there = co_await WriteText(stream, chunk.text, target);
+    if (stream.outlet != nullptr) stream.outlet->GiveBack();
+    co_return there;
   }
 
   // False if the connection is to be closed.
-  net::awaitable<bool> WriteChunk(const Stream& stream, std::string_view text, const std::string& target) {
+  net::awaitable<bool> WriteText(const Stream& stream, std::vector<net::const_buffer> text, const std::string& target) {
     if (text.empty()) co_return true;
     stream_.expires_after(core_.options.stall_time);
-    error_code error;
-    if (stream.chunked) {
-      const auto [e, count] =
-          co_await net::async_write(stream_, http::make_chunk(net::buffer(text.data(), text.size())), kAwait);
-      error = e;
-    } else {
-      const auto [e, count] = co_await net::async_write(stream_, net::buffer(text.data(), text.size()), kAwait);
-      error = e;
-    }
+    const auto [error, count] = co_await net::async_write(stream_, text, kAwait);
     if (error == beast::error::timeout) {
       core_.Log(absl::StrCat("cut off ", stream.peer, " at ", target, ": it did not take what it asked for within ",
                              core_.options.stall_time.count(), " ms"));
@@ -443,8 +577,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   static net::awaitable<void> NoticeEnd(std::shared_ptr<Connection> self, std::shared_ptr<Feed> feed) {
     std::size_t ignored_bytes = 0;
     while (ignored_bytes < kMostIgnored) {
-      const auto [error, count] =
-          co_await self->stream_.socket().async_read_some(net::buffer(self->core_.ignored), kAwait);
+      const auto [error, count] = co_await self->ReadIgnored();
       if (error) break;
       ignored_bytes += count;
     }
@@ -452,15 +585,32 @@ class Connection : public std::enable_shared_from_this<Connection> {
     self->CloseNow();
   }
 
+  // Without a time limit, and leaving that of a write under way alone.
+  net::awaitable<std::tuple<error_code, std::size_t>> ReadIgnored() {
+    const auto buffer = net::buffer(core_.ignored);
+    if (!stream_.secure()) co_return co_await stream_.socket().async_read_some(buffer, kAwait);
+    const auto [error] = co_await stream_.socket().async_wait(tcp::socket::wait_read, kAwait);
+    if (error) co_return std::tuple(error, std::size_t{0});
+    stream_.expires_after(core_.options.stall_time);
+    co_return co_await stream_.async_read_some(buffer, kAwait);
+  }
+
   // What was sent arrives before the connection ends, also where the other side still sends.
   net::awaitable<void> Close() {
     error_code error;
-    stream_.socket().shutdown(tcp::socket::shutdown_send, error);
     stream_.expires_after(kLinger);
+    if (stream_.secure()) co_await stream_.async_shutdown(kAwait);
+    stream_.socket().shutdown(tcp::socket::shutdown_send, error);
     while (!error) {
       error = std::get<0>(co_await stream_.async_read_some(net::buffer(core_.ignored), kAwait));
     }
     CloseNow();
+  }
+
+  std::string PeerAddress() {
+    error_code error;
+    const tcp::endpoint endpoint = stream_.socket().remote_endpoint(error);
+    return error ? "?" : endpoint.address().to_string();
   }
 
   std::string Peer() {
@@ -470,7 +620,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   Core& core_;
-  beast::tcp_stream stream_;
+  Transport stream_;
   beast::flat_buffer buffer_;
   std::size_t body_bytes_ = 0;
   bool idle_ = false;
@@ -478,16 +628,20 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
 // Refuses who comes beyond the limit, if the system takes the answer at once.
 void TurnAway(Core& core, tcp::socket socket) {
-  const std::string body = rest::ErrorJson(absl::UnavailableError("too many connections")) + "\n";
-  const std::string answer = absl::StrCat(
-      "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nContent-Length: ", body.size(),
-      "\r\nRetry-After: 1\r\nConnection: close\r\n\r\n", body);
+  if (!core.full) core.Log(absl::StrCat("all ", core.options.max_connections, " connections are in use"));
+  core.full = true;
+  if (core.tls != nullptr) return;  // whom a handshake would cost more than the answer is worth
+  const std::string body =
+      rest::ErrorJson(LimitExceeded("HTTP connections", {"http-max-connections", core.options.max_connections},
+                                    "try again when one has been closed")) +
+      "\n";
+  const std::string answer =
+      absl::StrCat("HTTP/1.1 429 Too Many Requests\r\nContent-Type: application/json\r\nContent-Length: ", body.size(),
+                   "\r\nRetry-After: 1\r\nConnection: close\r\n\r\n", body);
   error_code ignored;
   socket.non_blocking(true, ignored);
   socket.write_some(net::buffer(answer), ignored);
   socket.shutdown(tcp::socket::shutdown_send, ignored);
-  if (!core.full) core.Log(absl::StrCat("all ", core.options.max_connections, " connections are in use"));
-  core.full = true;
 }
 
 net::awaitable<void> Accept(Core& core, tcp::acceptor& acceptor) {
@@ -519,6 +673,11 @@ class HttpServerImpl final : public HttpServer {
   }
 
   absl::Status Listen() {
+    if (core_->options.tls.on()) {
+      auto tls = TlsContext::Load(core_->options.tls);
+      if (!tls.ok()) return tls.status();
+      core_->tls = *std::move(tls);
+    }
     const std::string& address = core_->options.address;
     const std::size_t colon = address.rfind(':');
     std::string host = address.substr(0, colon);
@@ -538,17 +697,18 @@ class HttpServerImpl final : public HttpServer {
   void Run() {
     const bool is_loopback = acceptor_.local_endpoint().address().is_loopback();
     core_->gateway = std::make_shared<Gateway>(
-        core_->api, rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback});
+        core_->api,
+        rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback, core_->options.metrics});
     net::co_spawn(core_->io, Accept(*core_, acceptor_), Report(*core_));
     thread_ = std::thread([this] { core_->io.run(); });
   }
 
   const std::string& address() const override { return address_; }
 
-  void SetServing(bool serving) override { core_->gateway->SetServing(serving); }
+  void SetServing(const absl::Status& state) override { core_->gateway->SetServing(state); }
 
   void Shutdown(std::chrono::milliseconds grace) override {
-    core_->gateway->SetServing(false);
+    core_->gateway->SetServing(absl::UnavailableError("the server is going down"));
     net::post(core_->io, [this, grace] { BeginShutdown(grace); });
     core_->api.Drain();
     if (thread_.joinable()) thread_.join();  // once nothing is left to do

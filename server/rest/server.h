@@ -8,15 +8,17 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/access/tls.h"
 #include "server/api/api.h"
 
 namespace orbitune {
 
 struct HttpOptions {
   std::string address = "127.0.0.1:7314";  // HOST:PORT, port 0: any free one
-  std::string web_dir;                     // the dashboard's files; need not exist
-  std::vector<std::string> cors_origins;   // pages from elsewhere that may call this server, "*": all
-  int max_connections = 1024;              // what comes beyond is answered 503
+  TlsFiles tls;
+  std::string web_dir;                    // the dashboard's files; need not exist
+  std::vector<std::string> cors_origins;  // pages from elsewhere that may call this server, "*": all
+  int max_connections = 1024;             // what comes beyond is answered 429
   std::size_t max_header_bytes = 16 << 10;
   std::size_t max_body_bytes = kLargestRequestBytes;
   std::size_t max_bodies_bytes = 64 << 20;        // of all requests that are being received
@@ -25,7 +27,8 @@ struct HttpOptions {
   std::chrono::milliseconds idle_time{60'000};    // between two requests
   std::chrono::milliseconds stall_time{30'000};   // a reader that takes nothing is cut off
   std::chrono::milliseconds heartbeat{15'000};    // a stream without events says that it is there
-  std::function<void(const std::string&)> log;    // a line without its end; unset: standard error
+  std::function<void(const std::string&)> log;    // a line without its end; unset: the server's log
+  std::function<std::string()> metrics;           // what /metrics answers; unset: there are none
 };
 
 class HttpServer {
@@ -38,8 +41,8 @@ class HttpServer {
   // HOST:PORT as listened on.
   virtual const std::string& address() const = 0;
 
-  // What /readyz answers, until Shutdown.
-  virtual void SetServing(bool serving) = 0;
+  // What /readyz answers, until Shutdown: OK, or why the server takes no work.
+  virtual void SetServing(const absl::Status& state) = 0;
 
   // Nobody new, the API's streams are ended with UNAVAILABLE, requests in flight get `grace`, and it is over.
   virtual void Shutdown(std::chrono::milliseconds grace) = 0;

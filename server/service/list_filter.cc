@@ -122,6 +122,9 @@ std::string ApplyToJobs(JobFilter& filter, const std::string& field, bool negate
     if (negated || !filter.campaign_id.empty()) return "one comparison campaign = ID at most";
     if (value.empty()) return "the id of a campaign";
     filter.campaign_id = IdIn("campaigns/", value);
+  } else if (field == "text") {
+    if (negated) return "text = alone, not !=";
+    filter.texts.push_back(value);
   } else {
     filter.labels.push_back({field.substr(kLabelPrefix.size()), value, negated});
   }
@@ -155,10 +158,10 @@ absl::Status TwiceAsked(std::string_view fields, std::string_view text) {
 
 absl::StatusOr<JobFilter> ParseFilter(std::string_view text) {
   JobFilter filter;
-  const Fields fields{.names = "state, scenario, campaign or labels.KEY",
+  const Fields fields{.names = "state, scenario, campaign, text or labels.KEY",
                       .known =
                           [](std::string_view field) {
-                            return field == "state" || field == "scenario" || field == "campaign" ||
+                            return field == "state" || field == "scenario" || field == "campaign" || field == "text" ||
                                    (field.starts_with(kLabelPrefix) && field.size() > kLabelPrefix.size());
                           },
                       .apply = std::bind_front(ApplyToJobs, std::ref(filter))};

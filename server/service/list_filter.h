@@ -6,7 +6,8 @@
 namespace orbitune {
 
 // Comparisons joined by AND; each is `state`, `scenario` or `labels.KEY`, then = or !=, then a word or a "quoted"
-// text. Empty: everything. INVALID_ARGUMENT for field "filter", saying what was expected where.
+// text; or `text` and =, for what is somewhere in id, scenario, title or labels. Empty: everything. INVALID_ARGUMENT
+// for field "filter", saying what was expected where.
 absl::StatusOr<JobFilter> ParseFilter(std::string_view text);
 
 // Likewise with `kind`, `scenario`, `job` and `campaign`, and = alone: sets what the query selects.

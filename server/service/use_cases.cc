@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <chrono>
 #include <future>
 #include <random>
 
@@ -17,6 +18,7 @@
 namespace orbitune {
 namespace {
 
+constexpr std::chrono::milliseconds kBetweenLooks(200);  // at the disk, while a caller waits for it
 constexpr std::size_t kLongestName = 256;
 constexpr std::size_t kLongestDescription = 4096;
 constexpr std::size_t kLongestId = 64;
@@ -142,13 +144,19 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job, const std::optional<Gains>& s
   FieldErrors errors;
   CheckLength(errors, "display_name", job.display_name, kLongestName);
   CheckLabels(errors, job.labels);
+  if (job.priority < kLowestPriority || job.priority > kHighestPriority) {
+    errors.AddNumber("priority", absl::StrCat("in [", kLowestPriority, ", ", kHighestPriority, "]"), job.priority);
+  }
   CheckEnsemble(errors, job);
   JobSpec spec{.display_name = job.display_name,
                .labels = job.labels,
                .initial_conditions = job.initial_conditions,
                .objective = job.objective,
                .warm_start = job.warm_start,
-               .campaign_id = job.campaign_id};
+               .campaign_id = job.campaign_id,
+               .owner = job.owner,
+               .peer = job.peer,
+               .priority = job.priority};
   auto scenario = Choose(job.scenario);
   if (scenario.ok()) {
     spec.scenario = *std::move(scenario);
@@ -253,8 +261,12 @@ absl::StatusOr<JobRecord> UseCases::CreateJob(const NewJob& job, const std::stri
   if (!spec.ok()) return spec.status();
   if (validate_only) return JobRecord{.spec = *std::move(spec), .create_time_us = NowUs()};
   if (absl::Status status = store_.ok_for_now(); !status.ok()) return status;
+  const auto room = scheduler_.Reserve(*spec, 1);
+  if (!room.ok()) return room.status();
   const std::string id = NewId();
-  const auto digest = ToJson(*spec);
+  JobSpec asked_for = *spec;
+  asked_for.peer.clear();
+  const auto digest = ToJson(asked_for);
   if (!digest.ok()) return digest.status();
   std::promise<absl::StatusOr<JobRecord>> created;
   store_.CreateJob(id, *std::move(spec), NowUs(), request_id, *digest,
@@ -307,10 +319,18 @@ absl::StatusOr<Page<JobRecord>> UseCases::ListJobs(int page_size, const std::str
 
 absl::StatusOr<JobRecord> UseCases::Await(Transition transition, const std::string& id, const std::string& etag) {
   if (absl::Status status = store_.ok_for_now(); !status.ok()) return status;
-  std::promise<absl::StatusOr<JobRecord>> changed;
+  const auto changed = std::make_shared<std::promise<absl::StatusOr<JobRecord>>>();
+  auto answer = changed->get_future();
   (scheduler_.*transition)(id, etag,
-                           [&changed](absl::StatusOr<JobRecord> record) { changed.set_value(std::move(record)); });
-  return changed.get_future().get();
+                           [changed](absl::StatusOr<JobRecord> record) { changed->set_value(std::move(record)); });
+  while (answer.wait_for(kBetweenLooks) != std::future_status::ready) {
+    const absl::Status disk = store_.ok_for_now();
+    if (disk.ok()) continue;
+    // It cannot be taken back any more, and its caller need not wait for the disk.
+    return absl::UnavailableError(
+        absl::StrCat("jobs/", id, ": the change will be stored once the disk is back: ", disk.message()));
+  }
+  return answer.get();
 }
 
 // A campaign halts and removes its jobs together; what becomes of one of them alone is not its plan.
@@ -372,11 +392,18 @@ absl::StatusOr<Page<IterationRecord>> UseCases::ListIterations(const std::string
   return page;
 }
 
-absl::StatusOr<Page<IterationRecord>> UseCases::SampleIterations(const std::string& id, int max_points) {
+absl::StatusOr<Page<IterationRecord>> UseCases::SampleIterations(const std::string& id, int max_points, int first,
+                                                                 int last) {
   if (max_points < 16 || max_points > 10'000) {
     return InvalidField("max_points", "0 or in [16, 10000]", max_points);
   }
-  auto records = store_.SampleIterations(id, max_points);
+  if (first < 0) return InvalidField("first_iteration", "0 (from the first) or at least 1", first);
+  if (last != 0 && last < first) {
+    return InvalidField("last_iteration", "0 (to the newest) or at least first_iteration", last);
+  }
+  IterationRange range{.first = std::max(first, 1)};
+  if (last != 0) range.last = last;
+  auto records = store_.SampleIterations(id, range, max_points);
   if (!records.ok()) return records.status();
   return Page<IterationRecord>{.items = *std::move(records)};
 }

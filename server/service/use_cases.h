@@ -56,6 +56,9 @@ struct NewJob {
   Objective objective;
   std::string warm_start;   // jobs/ID or gainSets/ID; empty: none
   std::string campaign_id;  // of the campaign that creates it; no client's to give
+  std::string owner;        // the caller's name; no client's to give
+  std::string peer;         // the caller's address, where it has no name; likewise
+  int priority = 0;
   SearchOverrides search;
 };
 
@@ -112,8 +115,10 @@ class UseCases {
   absl::Status DeleteJob(const std::string& id, const std::string& etag);
   absl::StatusOr<Page<IterationRecord>> ListIterations(const std::string& id, int page_size,
                                                        const std::string& page_token);
-  // At most `max_points` of all iterations, as JobStore::SampleIterations picks them; max_points in [16, 10000].
-  absl::StatusOr<Page<IterationRecord>> SampleIterations(const std::string& id, int max_points);
+  // At most `max_points` of the iterations from `first` (0: the first) to `last` (0: the newest), as
+  // JobStore::SampleIterations picks them; max_points in [16, 10000].
+  absl::StatusOr<Page<IterationRecord>> SampleIterations(const std::string& id, int max_points, int first = 0,
+                                                         int last = 0);
   absl::StatusOr<Page<Scenario>> ListScenarios(int page_size, const std::string& page_token);
   absl::StatusOr<Scenario> GetScenario(const std::string& id);
   // cancelled: asked now and then; once true, the answer is CANCELLED.

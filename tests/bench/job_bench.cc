@@ -47,8 +47,7 @@ class NullStore final : public JobStore {
   }
 
   void CreateJob(std::string, JobSpec, TimeUs, std::string, std::string, Created) override { ORBITUNE_CHECK(false); }
-  void AppendIteration(const std::string&, std::int64_t, const IterationRecord&, std::vector<double>,
-                       Done done) override {
+  void AppendIteration(const std::string&, std::int64_t, const IterationRecord&, Continuation, Done done) override {
     Answer(std::move(done));
   }
   void ChangeState(const std::string&, std::int64_t, StateChange change, Done done) override {
@@ -62,7 +61,8 @@ class NullStore final : public JobStore {
   absl::StatusOr<std::vector<IterationRecord>> ListIterations(const std::string&, int, int) const override {
     return std::vector<IterationRecord>();
   }
-  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string&, int) const override {
+  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string&, IterationRange,
+                                                                int) const override {
     return std::vector<IterationRecord>();
   }
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string&, std::int64_t, int) const override {
@@ -71,6 +71,7 @@ class NullStore final : public JobStore {
   // There are none.
   CampaignStore& campaigns() override { std::abort(); }
   GainStore& gains() override { std::abort(); }
+  RetentionStore& retention() override { std::abort(); }
   void Flush() override {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return waiting_.empty() && !answering_; });
@@ -198,6 +199,7 @@ JobRow RunByEngine(int jobs, int threads, int iterations) {
     record.spec.scenario.search.seed = static_cast<std::uint64_t>(j);
     record.spec.scenario.search.iterations = iterations;
     record.spec.initial_condition = record.spec.scenario.chaser;
+    record.provenance.emplace();
     scheduler.Add(record);
   }
   std::unique_lock lock(mutex);

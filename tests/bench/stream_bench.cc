@@ -1,18 +1,24 @@
 // orbitune_stream_bench: what watchers cost, and how soon they know. Runs the gto-geo job with and without watchers
-// over SSE in turn, and tells the iteration rates, and for the runs with watchers the time from an iteration's commit
-// to its arrival at each of them. Server and watchers share this process and its clock. Checks that every watcher got
-// every event.
+// over SSE in turn, and tells the iteration rates, the processor time that the server and the watchers used, and for
+// the runs with watchers the time from an iteration's commit to its arrival at each of them. The watchers are a process
+// of their own on the same machine and clock. Checks that every watcher got every event.
 #include <arpa/inet.h>
+#include <fcntl.h>
 #include <netinet/in.h>
 #include <sys/epoll.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
 #include <thread>
 #include <vector>
 
@@ -49,6 +55,7 @@ class Watcher {
 
   int descriptor() const { return socket_; }
   std::int64_t last_seq() const { return last_seq_; }
+  bool there() const { return there_; }  // has its snapshot
 
   // What can be read now. False at the end. arrived(seq): for each event.
   template <typename Arrived>
@@ -61,6 +68,7 @@ class Watcher {
     for (std::size_t end; (end = text_.find("\n\n", at)) != text_.npos; at = end + 2) {
       const std::size_t id = text_.find("id: ", at);
       if (id >= end) continue;
+      there_ = true;
       const std::int64_t seq = std::strtoll(text_.c_str() + id + 4, nullptr, 10);
       if (seq == 0) continue;  // the snapshot
       ORBITUNE_CHECK(seq == last_seq_ + 1);
@@ -75,16 +83,129 @@ class Watcher {
   int socket_;
   std::string text_;
   std::int64_t last_seq_ = 0;
+  bool there_ = false;
+};
+
+constexpr std::size_t kMostEvents = 1 << 20;
+
+// What both processes see.
+struct Shared {
+  std::atomic<std::int64_t> at_ns[kMostEvents];  // of the commit, by seq; written before the event can be sent
+};
+
+std::int64_t NowNs() { return std::chrono::nanoseconds(Clock::now().time_since_epoch()).count(); }
+
+double ProcessorSeconds() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto seconds = [](const timeval& t) {
+    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+  };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
+
+template <typename T>
+void Send(int to, const T& value) {
+  ORBITUNE_CHECK(write(to, &value, sizeof value) == static_cast<ssize_t>(sizeof value));
+}
+
+template <typename T>
+bool Receive(int from, T* value) {
+  auto* bytes = reinterpret_cast<char*>(value);
+  for (std::size_t got = 0; got < sizeof(T);) {
+    const ssize_t count = read(from, bytes + got, sizeof(T) - got);
+    if (count <= 0) return false;
+    got += static_cast<std::size_t>(count);
+  }
+  return true;
+}
+
+// What the watchers' process is asked to do, and what it tells when all is there, and at the end.
+struct Order {
+  char address[64];
+  char job[64];
+  int watchers;
+  std::int64_t before;  // the job's last event before it is resumed
+};
+struct Ready {};
+struct Outcome {
+  double processor_s = 0;
+  std::int64_t last_seq = 0;  // of the watcher that got least
+  std::int64_t events = 0;
+  // Of the times from commit to arrival, by 0.1 ms; the last has all that is longer.
+  std::int64_t delays[100'000] = {};
+};
+
+// The watchers' process: does as ordered until the pipe ends.
+class Watching {
+ public:
+  explicit Watching(const Shared& shared) : shared_(shared) {}
+
+  void Serve(int orders, int answers) {
+    auto outcome = std::make_unique<Outcome>();
+    for (Order order; Receive(orders, &order);) {
+      *outcome = {};
+      std::vector<Watcher> watchers;
+      for (int i = 0; i < order.watchers; ++i) watchers.emplace_back(order.address, order.job);
+      while (!std::ranges::all_of(watchers, [](const Watcher& w) { return w.there(); })) {
+        for (Watcher& watcher : watchers) {
+          if (!watcher.there()) watcher.Read([](std::int64_t) {});
+        }
+      }
+      Send(answers, Ready());
+      const double begin = ProcessorSeconds();
+      Follow(watchers, order.before, outcome.get());
+      outcome->processor_s = ProcessorSeconds() - begin;
+      Send(answers, *outcome);
+    }
+  }
+
+ private:
+  // Reads all to their ends.
+  void Follow(std::vector<Watcher>& watchers, std::int64_t before, Outcome* outcome) {
+    const int poll = epoll_create1(EPOLL_CLOEXEC);
+    for (std::size_t i = 0; i < watchers.size(); ++i) {
+      epoll_event event{.events = EPOLLIN, .data = {.u64 = i}};
+      epoll_ctl(poll, EPOLL_CTL_ADD, watchers[i].descriptor(), &event);
+    }
+    std::size_t open = watchers.size();
+    epoll_event ready[64];
+    while (open > 0) {
+      const int count = epoll_wait(poll, ready, 64, -1);
+      for (int i = 0; i < count; ++i) {
+        Watcher& watcher = watchers[ready[i].data.u64];
+        const std::int64_t now = NowNs();
+        const bool more = watcher.Read([&](std::int64_t seq) {
+          if (seq > before) Count(now - shared_.at_ns[seq], outcome);
+        });
+        if (more) continue;
+        epoll_ctl(poll, EPOLL_CTL_DEL, watcher.descriptor(), nullptr);
+        --open;
+      }
+    }
+    close(poll);
+    outcome->last_seq = watchers.front().last_seq();
+    for (const Watcher& watcher : watchers) outcome->last_seq = std::min(outcome->last_seq, watcher.last_seq());
+  }
+
+  static void Count(std::int64_t delay_ns, Outcome* outcome) {
+    ++outcome->events;
+    ++outcome->delays[std::clamp<std::int64_t>(delay_ns / 100'000, 0, std::ssize(outcome->delays) - 1)];
+  }
+
+  const Shared& shared_;
 };
 
 struct Row {
-  double iterations_per_s;
-  std::vector<double> delays_ms;
+  double iterations_per_s = 0;
+  double server_ms = 0;  // of processor time, per iteration, workers included
+  double watchers_ms = 0;
 };
 
 class Bench {
  public:
-  Bench(const std::string& database, int threads, int iterations) : iterations_(iterations) {
+  Bench(const std::string& database, int threads, int iterations, int orders, int answers, Shared& shared)
+      : iterations_(iterations), orders_(orders), answers_(answers), shared_(shared) {
     auto store = OpenSqliteStore({.path = database});
     ORBITUNE_CHECK(store.ok());
     store_ = *std::move(store);
@@ -113,65 +234,54 @@ class Bench {
     const auto created = use_cases_->CreateJob(job, "", false);
     ORBITUNE_CHECK(created.ok() && use_cases_->PauseJob(created->id, "").ok());
     const std::int64_t before = use_cases_->GetJob(created->id)->last_seq;
-    std::vector<Watcher> connections;
-    for (int i = 0; i < watchers; ++i) connections.emplace_back(http_->address(), created->id);
-    std::this_thread::sleep_for(std::chrono::milliseconds(200 + 2 * watchers));
-    CommitTimes times(static_cast<std::size_t>(before + iterations_ + 3), static_cast<std::size_t>(before));
-    const auto subscription = hub_.Subscribe(created->id, [&times] { times.Next(); });
-    Row row;
-    std::thread reader([&] { row.delays_ms = Follow(connections, times, before); });
+    if (watchers > 0) Gather(created->id, watchers, before);
+    std::int64_t seq = before;
+    const auto subscription = hub_.Subscribe(created->id, [&] { shared_.at_ns[++seq] = NowNs(); });
+    const double processor_s = ProcessorSeconds();
     const auto begin = Clock::now();
     ORBITUNE_CHECK(use_cases_->ResumeJob(created->id, "").ok());
     while (!IsTerminal(use_cases_->GetJob(created->id)->state)) {
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
+    Row row;
     row.iterations_per_s = iterations_ / std::chrono::duration<double>(Clock::now() - begin).count();
-    reader.join();
-    const std::int64_t last = use_cases_->GetJob(created->id)->last_seq;
-    for (const Watcher& watcher : connections) ORBITUNE_CHECK(watcher.last_seq() == last);
+    Outcome outcome;
+    if (watchers > 0) {
+      ORBITUNE_CHECK(Receive(answers_, &outcome));
+      ORBITUNE_CHECK(outcome.last_seq == use_cases_->GetJob(created->id)->last_seq);
+      for (std::size_t i = 0; i < delays_.size(); ++i) delays_[i] += outcome.delays[i];
+      events_ += outcome.events;
+    }
+    row.server_ms = 1000 * (ProcessorSeconds() - processor_s) / iterations_;
+    row.watchers_ms = 1000 * outcome.processor_s / iterations_;
     return row;
   }
 
- private:
-  struct CommitTimes {
-    CommitTimes(std::size_t events, std::size_t before) : at(events + 1), last(before) {}
-    void Next() {
-      if (last + 1 < at.size()) at[++last] = Clock::now();
-    }
-    std::vector<Clock::time_point> at;  // by seq; written before the event can be sent
-    std::size_t last;
-  };
+  // The time within which the share q of all events arrived.
+  double DelayMs(double q) const {
+    std::int64_t left = static_cast<std::int64_t>(q * static_cast<double>(events_));
+    std::size_t i = 0;
+    while (i + 1 < delays_.size() && left > delays_[i]) left -= delays_[i++];
+    return 0.1 * static_cast<double>(i + 1);
+  }
+  std::int64_t events() const { return events_; }
 
-  // Reads all to their ends; the delays of the events that came after `before`.
-  static std::vector<double> Follow(std::vector<Watcher>& watchers, const CommitTimes& times, std::int64_t before) {
-    std::vector<double> delays_ms;
-    const int poll = epoll_create1(EPOLL_CLOEXEC);
-    for (std::size_t i = 0; i < watchers.size(); ++i) {
-      epoll_event event{.events = EPOLLIN, .data = {.u64 = i}};
-      epoll_ctl(poll, EPOLL_CTL_ADD, watchers[i].descriptor(), &event);
-    }
-    std::size_t open = watchers.size();
-    epoll_event ready[64];
-    while (open > 0) {
-      const int count = epoll_wait(poll, ready, 64, -1);
-      for (int i = 0; i < count; ++i) {
-        Watcher& watcher = watchers[ready[i].data.u64];
-        const auto now = Clock::now();
-        const bool more = watcher.Read([&](std::int64_t seq) {
-          if (seq <= before) return;
-          delays_ms.push_back(
-              std::chrono::duration<double, std::milli>(now - times.at[static_cast<std::size_t>(seq)]).count());
-        });
-        if (more) continue;
-        epoll_ctl(poll, EPOLL_CTL_DEL, watcher.descriptor(), nullptr);
-        --open;
-      }
-    }
-    close(poll);
-    return delays_ms;
+ private:
+  void Gather(const std::string& job, int watchers, std::int64_t before) {
+    Order order{.address = {}, .job = {}, .watchers = watchers, .before = before};
+    http_->address().copy(order.address, sizeof order.address - 1);
+    job.copy(order.job, sizeof order.job - 1);
+    Send(orders_, order);
+    Ready ready;
+    ORBITUNE_CHECK(Receive(answers_, &ready));
   }
 
   const int iterations_;
+  const int orders_;  // pipes to and from the watchers' process
+  const int answers_;
+  Shared& shared_;
+  std::vector<std::int64_t> delays_ = std::vector<std::int64_t>(std::size(Outcome().delays));
+  std::int64_t events_ = 0;
   EventHub hub_;
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<Scheduler> scheduler_;
@@ -184,17 +294,19 @@ class Bench {
   std::unique_ptr<HttpServer> http_;
 };
 
-double Quantile(std::vector<double>& values, double q) {
-  if (values.empty()) return 0;
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
+double Median(const std::vector<Row>& rows, double Row::*value) {
+  std::vector<double> values;
+  for (const Row& row : rows) values.push_back(row.*value);
+  std::ranges::nth_element(values, values.begin() + std::ssize(values) / 2);
+  return values[values.size() / 2];
 }
 
-double MedianRate(std::vector<Row>& rows) {
-  std::vector<double> rates;
-  for (const Row& row : rows) rates.push_back(row.iterations_per_s);
-  return Quantile(rates, 0.5);
+double PeakMemoryMib() {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.starts_with("VmHWM:")) return std::stod(line.substr(6)) / 1024;
+  }
+  return 0;
 }
 
 }  // namespace
@@ -205,17 +317,32 @@ int main(int argc, char** argv) {
   int iterations = 2000;
   int threads = static_cast<int>(std::thread::hardware_concurrency());
   int repeats = 5;
+  int watchers_nice = 0;
   CLI::App app("What SSE watchers of a gto-geo job cost, and how soon they know.");
   app.add_option("--watchers", watchers)->capture_default_str();
   app.add_option("--iterations", iterations)->capture_default_str();
   app.add_option("--threads", threads, "of the scheduler")->capture_default_str();
   app.add_option("--repeats", repeats, "pairs of runs, with and without")->capture_default_str();
+  app.add_option("--watchers-nice", watchers_nice, "of the watchers' process")->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   using namespace orbitune;
+  void* memory = mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  ORBITUNE_CHECK(memory != MAP_FAILED);
+  auto& shared = *static_cast<Shared*>(memory);
+  int orders[2];
+  int answers[2];
+  ORBITUNE_CHECK(pipe2(orders, O_CLOEXEC) == 0 && pipe2(answers, O_CLOEXEC) == 0);
+  // Before there are threads.
+  if (fork() == 0) {
+    close(orders[1]);
+    if (watchers_nice != 0) ORBITUNE_CHECK(nice(watchers_nice) != -1);
+    Watching(shared).Serve(orders[0], answers[1]);
+    _exit(0);
+  }
   const auto folder = std::filesystem::temp_directory_path() / absl::StrCat("orbitune_stream_bench_", getpid());
   std::filesystem::create_directories(folder);
   {
-    Bench bench((folder / "orbitune.db").string(), threads, iterations);
+    Bench bench((folder / "orbitune.db").string(), threads, iterations, orders[1], answers[0], shared);
     bench.Run(0);  // warms up
     std::vector<Row> without;
     std::vector<Row> with;
@@ -223,16 +350,20 @@ int main(int argc, char** argv) {
       without.push_back(bench.Run(0));
       with.push_back(bench.Run(watchers));
     }
-    std::vector<double> delays;
-    for (const Row& row : with) delays.insert(delays.end(), row.delays_ms.begin(), row.delays_ms.end());
-    const double before = MedianRate(without);
-    const double after = MedianRate(with);
+    const double before = Median(without, &Row::iterations_per_s);
+    const double after = Median(with, &Row::iterations_per_s);
     std::printf("iterations/s, median of %d: %.0f without watchers, %.0f with %d: %.1f %% fewer\n", repeats, before,
                 after, watchers, 100 * (1 - after / before));
-    std::printf("commit to arrival, ms: p50 %.2f, p90 %.2f, p99 %.2f, largest %.2f (%zu events)\n",
-                Quantile(delays, 0.5), Quantile(delays, 0.9), Quantile(delays, 0.99), Quantile(delays, 1),
-                delays.size());
+    const double alone = Median(without, &Row::server_ms);
+    const double watched = Median(with, &Row::server_ms);
+    std::printf("processor time per iteration, ms: server %.3f without, %.3f with: %.1f %% more; watchers %.3f\n",
+                alone, watched, 100 * (watched / alone - 1), Median(with, &Row::watchers_ms));
+    std::printf("commit to arrival, ms: p50 %.1f, p90 %.1f, p99 %.1f (%lld events); server's peak memory %.0f MiB\n",
+                bench.DelayMs(0.5), bench.DelayMs(0.9), bench.DelayMs(0.99), static_cast<long long>(bench.events()),
+                PeakMemoryMib());
   }
+  close(orders[1]);
+  wait(nullptr);
   std::filesystem::remove_all(folder);
   return 0;
 }

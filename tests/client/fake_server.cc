@@ -89,6 +89,13 @@ grpc::Status FakeServer::WatchJob(grpc::ServerContext* context, const v1::WatchJ
   return script(context, writer);
 }
 
+grpc::Status FakeServer::VerifyJob(grpc::ServerContext*, const v1::VerifyJobRequest* request,
+                                   grpc::ServerWriter<v1::VerifyJobResponse>* writer) {
+  verify_requests.push_back(*request);
+  for (const v1::VerifyJobResponse& message : verification) writer->Write(message);
+  return verify_status;
+}
+
 grpc::Status FakeServer::ListIterations(grpc::ServerContext*, const v1::ListIterationsRequest* request,
                                         v1::ListIterationsResponse* response) {
   iteration_requests.push_back(*request);

@@ -31,12 +31,15 @@ class FakeServer final : public v1::TuningService::Service,
   v1::Scenario scenario;
   v1::SimulateEpisodeResponse episode;
   grpc::Status create_status;
+  std::vector<v1::VerifyJobResponse> verification;  // what VerifyJob streams before its status
+  grpc::Status verify_status;
 
   std::vector<v1::WatchJobRequest> watch_requests;
   std::vector<v1::CreateJobRequest> create_requests;
   std::vector<v1::ListJobsRequest> list_requests;
   std::vector<v1::ListIterationsRequest> iteration_requests;
   std::vector<v1::SimulateEpisodeRequest> simulate_requests;
+  std::vector<v1::VerifyJobRequest> verify_requests;
 
   struct Result {
     int code;
@@ -52,6 +55,8 @@ class FakeServer final : public v1::TuningService::Service,
   grpc::Status ListJobs(grpc::ServerContext*, const v1::ListJobsRequest*, v1::ListJobsResponse*) override;
   grpc::Status CancelJob(grpc::ServerContext*, const v1::CancelJobRequest*, v1::Job*) override;
   grpc::Status WatchJob(grpc::ServerContext*, const v1::WatchJobRequest*, WatchWriter*) override;
+  grpc::Status VerifyJob(grpc::ServerContext*, const v1::VerifyJobRequest*,
+                         grpc::ServerWriter<v1::VerifyJobResponse>*) override;
   grpc::Status ListIterations(grpc::ServerContext*, const v1::ListIterationsRequest*,
                               v1::ListIterationsResponse*) override;
   grpc::Status GetScenario(grpc::ServerContext*, const v1::GetScenarioRequest*, v1::Scenario*) override;

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { statSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
-import { Server, launch, openPage, output } from "./support.mjs";
+import { Server, becomes, launch, openPage, output } from "./support.mjs";
 
 const server = new Server();
 let browser;
@@ -34,14 +34,14 @@ test("a job from the form: checked as one types, followed as it runs, reduced by
   await page.getByText("No jobs yet").waitFor();
   await page.getByRole("link", { name: "New job" }).first().click();
   const iterations = page.getByLabel("Iterations M");
-  assert.equal(await iterations.getAttribute("placeholder"), "2000", "the default is shown");
+  await becomes(() => iterations.getAttribute("placeholder"), "2000", "the default is shown");
   await iterations.fill("-3");
   await page.getByText("must be in [1, 10000000], got -3").waitFor();
-  assert.equal(await iterations.getAttribute("aria-invalid"), "true");
-  assert.ok(await page.getByRole("button", { name: "Submit" }).isDisabled());
+  await becomes(() => iterations.getAttribute("aria-invalid"), "true");
+  await becomes(() => page.getByRole("button", { name: "Submit" }).isDisabled(), true);
   await iterations.fill("");
   await page.getByLabel("Keplerian").check();
-  assert.equal(await page.getByLabel("Semi-major axis a").inputValue(), "24364");
+  await becomes(() => page.getByLabel("Semi-major axis a").inputValue(), "24364");
   await page.getByLabel("Eccentricity e").fill("1.5");
   await page.getByText("must be in [0, 1), an ellipse, got 1.5").waitFor();
   await page.getByLabel("Step size").fill("fast");
@@ -55,22 +55,19 @@ test("a job from the form: checked as one types, followed as it runs, reduced by
   await page.getByRole("button", { name: "Submit" }).click();
   const name = await nameOn(page);
 
-  const seen = new Set();
-  while ((await page.getByTestId("job").getAttribute("data-state")) !== "JOB_STATE_SUCCEEDED") {
-    seen.add(await iterationsOn(page));
-    await page.waitForTimeout(50);
-  }
-  seen.add(await iterationsOn(page));
-  assert.ok(seen.size >= 3, `the count grew before one's eyes: ${[...seen]}`);
-  assert.deepEqual([...seen], [...seen].sort((a, b) => a - b));
-  assert.equal(await iterationsOn(page), 2000);
+  await stateOn(page, "SUCCEEDED");
+  const shown = await page.evaluate(() => window.shown);
+  assert.ok(shown.length >= 3, `the count grew before one's eyes: ${shown}`);
+  assert.deepEqual(shown, [...shown].sort((x, y) => x - y));
+  await becomes(() => iterationsOn(page), 2000);
+  await page.getByTestId("reduction-of-j").waitFor();
   const reduction = parseFloat(await page.getByTestId("reduction-of-j").textContent());
   assert.ok(reduction >= 80, `${reduction} %`);
-  const points = Number(await page.getByTestId("cost").getAttribute("data-points"));
-  assert.ok(points > 500, `${points} points are drawn`);
+  const points = async () => Number(await page.getByTestId("cost").getAttribute("data-points"));
+  await becomes(async () => (await points()) > 500, true, "the curve is drawn");
   await page.getByText("Best against first").waitFor();
   await page.getByTestId("distance").waitFor();
-  assert.equal(await page.locator(".projection").count(), 4);
+  await becomes(() => page.locator(".projection").count(), 4);
   const job = await server.get(`/v1/${name}`);
   assert.ok(Math.abs(job.report.best_reduction.cost_percent - reduction) < 0.06, "the server's own figure");
 
@@ -87,21 +84,26 @@ test("a job from the form: checked as one types, followed as it runs, reduced by
   await picture(page, "job");
   assert.ok(statSync(join(output, "job.png")).size < 200_000, "small enough for the README");
   await picture(page, "job-whole", { fullPage: true });
+
+  // The history's digest, and the proof that the job comes out the same again.
+  await becomes(() => page.getByTestId("digest").textContent(), job.provenance.digest);
+  await page.getByRole("button", { name: "verify", exact: true }).click();
+  await becomes(() => page.getByTestId("verdict").getAttribute("data-verdict"), "VERDICT_IDENTICAL");
   assert.deepEqual(errors, []);
 });
 
 test("pause, resume, kill -9 and a new start: the page goes on, nothing is missing and nothing is twice", async () => {
   const { page, errors } = await openPage(browser, { expected: /ERR_(CONNECTION|INCOMPLETE|EMPTY|NETWORK)/ });
   await page.goto(`${server.base}/#/new`);
-  await page.getByLabel("Iterations M").fill("6000");
+  await page.getByLabel("Iterations M").fill("100000");
   await page.getByLabel("Seed", { exact: true }).fill("5");
   await page.getByRole("button", { name: "Submit" }).click();
   const name = await nameOn(page);
   await beyond(page, 20);
   await page.getByRole("button", { name: /^pause/ }).click();
   await stateOn(page, "PAUSED");
+  await becomes(async () => (await iterationsOn(page)) === Number((await server.get(`/v1/${name}`)).completed_iterations), true);
   const paused = await iterationsOn(page);
-  assert.ok(paused < 6000, "it was paused on its way");
   await page.waitForTimeout(1000);
   assert.equal(await iterationsOn(page), paused);
   await picture(page, "job-paused");
@@ -112,21 +114,24 @@ test("pause, resume, kill -9 and a new start: the page goes on, nothing is missi
   await server.end("SIGKILL");
   await page.getByText("Connection lost").waitFor();
   const killed = await iterationsOn(page);
-  assert.ok(killed < 6000, "it was killed on its way");
   await picture(page, "job-connection-lost");
   await server.start();
   await beyond(page, killed);
   await page.getByText("Connection lost").waitFor({ state: "detached" });
-  await stateOn(page, "SUCCEEDED");
-  assert.equal(await iterationsOn(page), 6000);
+  await beyond(page, killed + 200);
+  page.once("dialog", (dialog) => dialog.accept());
+  await page.getByRole("button", { name: /^cancel/ }).click();
+  await stateOn(page, "CANCELLED");
 
   const stream = page.getByTestId("stream");
   assert.equal(await stream.getAttribute("data-gaps"), "0");
   assert.equal(await stream.getAttribute("data-repeats"), "0");
   assert.notEqual(await stream.getAttribute("data-reconnects"), "0");
   const job = await server.get(`/v1/${name}`);
+  await becomes(() => page.evaluate(() => window.told.at(-1)), Number(job.last_seq));
+  await becomes(() => iterationsOn(page), job.completed_iterations);
+  assert.ok(job.completed_iterations < 100_000, "all this was on its way");
   const told = await page.evaluate(() => window.told);
-  assert.equal(told[told.length - 1], Number(job.last_seq));
   for (let i = 1; i < told.length; ++i) assert.equal(told[i], told[i - 1] + 1, `event ${i} of those told`);
   assert.deepEqual(errors, []);
 });
@@ -143,7 +148,7 @@ test("jobs are listed live, found by filter and search, and compared", async () 
   const rows = page.locator("[data-testid=jobs] tbody tr");
   await page.waitForFunction(() => document.querySelectorAll("[data-testid=jobs] tbody tr").length === 3);
   await server.ended(other.name);
-  await page.waitForFunction(() => document.querySelectorAll("[data-testid=jobs] .state.succeeded").length === 3);
+  await page.waitForFunction(() => document.querySelectorAll("[data-testid=jobs] .state.succeeded").length === 2);
   await page.waitForFunction(() => document.querySelectorAll("[data-testid=jobs] .spark polyline").length === 3);
   await picture(page, "jobs");
   const search = page.getByRole("searchbox");
@@ -159,10 +164,35 @@ test("jobs are listed live, found by filter and search, and compared", async () 
   await page.getByRole("link", { name: "Compare 2" }).click();
   const table = page.getByTestId("compare-table");
   await table.waitFor();
-  assert.equal(await table.locator("thead a").count(), 2);
-  await table.getByText("6 000 of 6 000").waitFor();
-  assert.ok(Number(await page.getByTestId("compare").getAttribute("data-points")) > 300);
+  await becomes(() => table.locator("thead a").count(), 2);
+  await table.getByText("2 000 of 2 000").waitFor();
+  await becomes(async () => Number(await page.getByTestId("compare").getAttribute("data-points")) > 300, true);
   await picture(page, "compare", { fullPage: true });
+  assert.deepEqual(errors, []);
+});
+
+test("flights of a job over several initial conditions, from any of them", async () => {
+  const start = (semi_major_axis_km) => ({
+    keplerian: { semi_major_axis_km, eccentricity: 0.01, inclination_deg: 51, raan_deg: 10, argument_of_periapsis_deg: 20, true_anomaly_deg: 30 },
+  });
+  const job = await server.post("/v1/jobs", {
+    scenario: "scenarios/leo-rendezvous",
+    initial_conditions: [start(6800), start(6850)],
+    hyperparameters: { iterations: 20 },
+  });
+  await server.ended(job.name);
+  const { page, errors } = await openPage(browser);
+  const flown = [];
+  page.on("request", (request) => {
+    if (request.url().endsWith("episodes:simulate")) flown.push(request.postDataJSON().initial_condition.keplerian.semi_major_axis_km);
+  });
+  await page.goto(`${server.base}/#/${job.name}`);
+  await page.getByTestId("distance").waitFor();
+  assert.deepEqual(flown, [6800, 6800]);
+  const before = await page.getByTestId("distance").locator(".plot").getAttribute("aria-label");
+  await page.getByTestId("start").selectOption({ index: 1 });
+  await page.waitForFunction((old) => document.querySelector("[data-testid=distance] .plot").ariaLabel !== old, before);
+  assert.deepEqual(flown, [6800, 6800, 6850, 6850]);
   assert.deepEqual(errors, []);
 });
 
@@ -177,7 +207,7 @@ test("a small campaign, from its form to the held-out comparison", async () => {
   await page.getByRole("button", { name: "Submit" }).click();
   await page.waitForSelector("[data-testid=campaign][data-state=CAMPAIGN_STATE_SUCCEEDED]");
   await page.getByTestId("comparison-MEMBER_ROLE_HELD_OUT").waitFor();
-  assert.equal(await page.locator("[data-testid=members] tbody tr").count(), 8);
+  await becomes(() => page.locator("[data-testid=members] tbody tr").count(), 8);
   assert.equal(await page.getByText("Connection lost").count(), 0);
   await page.getByText("Flights of the first 5").waitFor();
   await page.waitForTimeout(300);
@@ -225,9 +255,70 @@ test("a long history comes as a sample, small and whole", async () => {
   await page.waitForTimeout(500);
   console.log(`${iterations} iterations: curves after ${painted} ms, ${Math.round(bytes / 1000)} kB in all`);
   assert.ok(bytes < 300_000, `${bytes} bytes`);
-  assert.equal(await iterationsOn(page), iterations);
+  await becomes(() => iterationsOn(page), iterations);
   const points = Number(await page.getByTestId("cost").getAttribute("data-points"));
   assert.ok(points > 400 && points <= 1200, `${points} points`);
+
+  // A closer look, by the keyboard: the stretch comes with every iteration it has.
+  const plot = page.getByTestId("cost").locator(".plot");
+  const detail = page.waitForResponse(async (response) => {
+    const asked = new URL(response.url()).searchParams;
+    const [first, last] = [Number(asked.get("first_iteration")), Number(asked.get("last_iteration"))];
+    return first > 0 && (await response.json()).iterations.length === last - first + 1;
+  });
+  await plot.focus();
+  for (let zoomed = 1; zoomed * 600 < iterations; zoomed *= 2) await page.keyboard.press("+");
+  await detail;
+  await page.waitForFunction((n) => Number(document.querySelector("[data-testid=cost]").dataset.points) > n, points + 200);
+  await page.keyboard.press("ArrowRight");
+  await page.waitForFunction(() => /iteration \d.*J \d/.test(document.querySelector("[data-testid=cost] [role=status]").textContent));
+  await picture(page, "job-zoomed");
+  await page.keyboard.press("0");
+  await becomes(async () => Number(await page.getByTestId("cost").getAttribute("data-points")), points);
+  assert.deepEqual(errors, []);
+});
+
+test("a live job of thousands of iterations leaves the browser time for 60 frames a second", async () => {
+  const job = await server.post("/v1/jobs", { scenario: "scenarios/leo-rendezvous", hyperparameters: { iterations: 1_000_000, directions: 1 } });
+  const { page, errors } = await openPage(browser);
+  await page.goto(`${server.base}/#/${job.name}`);
+  await beyond(page, 5000);
+  await page.getByTestId("distance").waitFor();
+  await browser.startTracing(page, { categories: ["toplevel", "devtools.timeline"] });
+  await page.waitForTimeout(3000);
+  const { traceEvents } = JSON.parse((await browser.stopTracing()).toString());
+  await server.post(`/v1/${job.name}:cancel`, {});
+  // Time on the processor: what else the machine does is not the page's.
+  const main = new Set(traceEvents.filter((e) => e.name === "thread_name" && e.args.name === "CrRendererMain").map((e) => `${e.pid} ${e.tid}`));
+  const times = (name) => traceEvents.filter((e) => e.ph === "X" && e.name === name && main.has(`${e.pid} ${e.tid}`)).map((e) => e.tdur / 1000).sort((a, b) => a - b);
+  const tasks = times("ThreadControllerImpl::RunTask");
+  const frames = times("FireAnimationFrame");
+  const [longest, median] = [tasks.at(-1), frames[frames.length >> 1]];
+  console.log(`${frames.length} frames in 3 s, median ${median.toFixed(1)} ms, the longest task ${longest.toFixed(1)} ms`);
+  assert.ok(frames.length > 3 && median < 1000 / 60, `${frames.length} frames, median ${median} ms`);
+  assert.ok(longest < 50, `a task of ${longest} ms`);
+  assert.deepEqual(errors, []);
+});
+
+test("a long list of jobs is paged, and searched as a whole", async () => {
+  const jobs = Number(process.env.ORBITUNE_E2E_JOBS ?? 30);
+  const create = (i) =>
+    server.post("/v1/jobs", { scenario: "scenarios/leo-rendezvous", display_name: `batch ${i}`, hyperparameters: { iterations: 1, directions: 1 } });
+  for (let i = 1; i <= jobs; i += 10) await Promise.all(Array.from({ length: Math.min(10, jobs - i + 1) }, (_, k) => create(i + k)));
+  const { page, errors } = await openPage(browser);
+  await page.goto(`${server.base}/#/jobs`);
+  const rows = page.locator("[data-testid=jobs] tbody tr");
+  await becomes(() => rows.count(), 25);
+  const newest = await rows.first().textContent();
+  await page.getByRole("button", { name: "Older" }).click();
+  await page.getByText("Page 2").waitFor();
+  await becomes(async () => (await rows.first().textContent()) !== newest, true);
+  await page.getByRole("button", { name: "Newer" }).click();
+  await page.getByRole("searchbox").fill("Batch 1 leo");
+  const begun = Date.now();
+  const expected = Array.from({ length: jobs }, (_, i) => `batch ${i + 1}`).filter((name) => name.includes("batch 1")).length;
+  await becomes(() => rows.count(), Math.min(25, expected));
+  console.log(`${jobs} more jobs: found after ${Date.now() - begun} ms`);
   assert.deepEqual(errors, []);
 });
 

@@ -4,6 +4,7 @@ import { spawn } from "node:child_process";
 import { mkdirSync, mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
+import { isDeepStrictEqual } from "node:util";
 import { chromium } from "playwright-core";
 
 const root = new URL("../..", import.meta.url).pathname;
@@ -74,6 +75,15 @@ export class Server {
   }
 }
 
+// Waits until `read` gives `expected`: a page shows what it has been told a moment later.
+export async function becomes(read, expected, what) {
+  let value = await read();
+  for (const end = Date.now() + 60_000; !isDeepStrictEqual(value, expected) && Date.now() < end; value = await read()) {
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  assert.deepEqual(value, expected, what);
+}
+
 export function launch() {
   return chromium.launch({
     executablePath: process.env.ORBITUNE_CHROMIUM ?? "/usr/bin/chromium",
@@ -89,9 +99,15 @@ export function launch() {
   });
 }
 
-// Every event that reaches the page by a stream, as the browser has it and apart from what the page makes of it.
-function recordStreams() {
+// Every event that reaches the page by a stream, as the browser has it and apart from what the page makes of it; and
+// every number of iterations that a job's page has shown.
+function record() {
   window.told = [];
+  window.shown = [];
+  new MutationObserver(() => {
+    const iterations = document.querySelector("[data-testid=job]")?.dataset.iterations;
+    if (iterations && Number(iterations) !== window.shown.at(-1)) window.shown.push(Number(iterations));
+  }).observe(document, { subtree: true, childList: true, attributes: true, attributeFilter: ["data-iterations"] });
   const Native = window.EventSource;
   window.EventSource = class extends Native {
     constructor(...given) {
@@ -114,6 +130,9 @@ export async function openPage(browser, options = {}) {
   });
   page.on("pageerror", (error) => errors.push(String(error.stack)));
   page.setDefaultTimeout(120_000);
-  await page.addInitScript(recordStreams);
+  // As a machine so many times slower has it.
+  const rate = Number(process.env.ORBITUNE_E2E_THROTTLE ?? 1);
+  if (rate > 1) await (await page.context().newCDPSession(page)).send("Emulation.setCPUThrottlingRate", { rate });
+  await page.addInitScript(record);
   return { page, errors };
 }

@@ -4,10 +4,11 @@
     run_examples.py ORBITUNED REPOSITORY
 
 Starts a server of its own on free ports, puts its addresses where an example has the default ones, and runs:
-the curl examples (each must succeed), the Python example over python3-grpcio (it must print what the page says), and
-`buf curl` where tests/buf has installed buf. Exit status: 0, or 1 with what went wrong.
+the curl examples (each must succeed), the Python example over python3-grpcio (it must print what the page says), the one
+that recomputes digests (for every job), and `buf curl` where tests/buf has installed buf. Exit status: 0, or 1 with what went wrong.
 """
 
+import json
 import os
 import pathlib
 import re
@@ -88,6 +89,26 @@ def run_python(server, text, repository, directory):
     assert printed == expected, f"printed\n{printed}not\n{expected}"
 
 
+ROBUST_JOB = """{"scenario": "scenarios/leo-rendezvous", "hyperparameters": {"iterations": 4, "algorithm": "ALGORITHM_CMA_ES"},
+  "objective": {"aggregate": "AGGREGATE_CVAR", "level": 0.5}, "initial_conditions": [
+    {"keplerian": {"semi_major_axis_km": 6978, "eccentricity": 0.001, "inclination_deg": 51.6, "raan_deg": -0.0}},
+    {"equinoctial": {"p_km": 6990.123, "ex": 0.001, "hx": 0.48}}]}"""
+
+
+def run_digest(server, text, directory):
+    """For every job there is, and for one that has what these have not."""
+    (example,) = blocks(text, "python")
+    url = f"http://{server.http}/v1/jobs"
+    created = json.loads(run(["curl", "--json", ROBUST_JOB, url], directory, env={**os.environ, "HOME": directory}))
+    run(["curl", "-N", f"{url[:-4]}{created['name']}:watch"], directory, env={**os.environ, "HOME": directory})
+    jobs = json.loads(run(["curl", url], directory, env={**os.environ, "HOME": directory}))["jobs"]
+    assert created["name"] in [job["name"] for job in jobs] and len(jobs) > 1
+    for job in jobs:
+        printed = run(["/usr/bin/python3", "-c", server.here(example), job["name"]], directory)
+        if job["state"] == "JOB_STATE_SUCCEEDED":
+            assert printed.split() == [job["name"], job["provenance"]["digest"]], printed
+
+
 def run_buf(server, repository, directory):
     buf = pathlib.Path(repository, "tests/buf/node_modules/@bufbuild/buf-linux-x64/bin/buf")
     if not buf.exists():
@@ -106,6 +127,7 @@ def main():
         for output in run_curl(server, section(readme, "With curl") + section(api, "With curl"), directory):
             assert output.strip(), "an example printed nothing"
         run_python(server, section(api, "From Python"), repository, directory)
+        run_digest(server, section(api, "Proof of results"), directory)
         run_buf(server, repository, directory)
 
 

@@ -7,6 +7,7 @@
 #include <future>
 #include <thread>
 
+#include "core/library/history_digest.h"
 #include "core/scenario/presets.h"
 #include "core/search/optimiser.h"
 #include "core/simd/batch_simulator.h"
@@ -103,7 +104,7 @@ Engine::Engine(const std::string& database, Scheduler::Options options, bool sta
       }()),
       scheduler_(*store_, hub_, WithLibrary(options, library_)),
       use_cases_(*store_, scheduler_, hub_),
-      campaign_engine_(*store_, store_->campaigns(), scheduler_, hub_, &library_),
+      campaign_engine_(*store_, store_->campaigns(), scheduler_, hub_, &library_, kMostCampaigns),
       campaigns_(use_cases_, store_->campaigns(), campaign_engine_),
       gains_(*store_, library_) {
   const absl::Status loaded = LoadLibrary(store_->gains(), library_);
@@ -182,9 +183,12 @@ void StoreRunningJob(JobStore& store, const std::string& id, const JobSpec& spec
   std::int64_t seq = 1;
   const StateChange running{.state = JobState::kRunning, .time_us = NowUs(), .message = {}, .report = {}};
   EXPECT_TRUE(Await([&](JobStore::Done done) { store.ChangeState(id, ++seq, running, std::move(done)); }).ok());
+  Digest digest = store.GetJob(id)->provenance->digest;
   for (const IterationRecord& record : history) {
-    EXPECT_TRUE(
-        Await([&](JobStore::Done done) { store.AppendIteration(id, ++seq, record, {}, std::move(done)); }).ok());
+    digest = ExtendHistory(digest, record);
+    EXPECT_TRUE(Await([&](JobStore::Done done) {
+                  store.AppendIteration(id, ++seq, record, {.digest = digest}, std::move(done));
+                }).ok());
   }
 }
 

@@ -46,6 +46,8 @@ std::vector<IterationRecord> PlainHistory(const Scenario& scenario);
 // Store, hub, scheduler and use cases, wired as in the server.
 class Engine {
  public:
+  static constexpr int kMostCampaigns = 20;  // of a client
+
   explicit Engine(const std::string& database, Scheduler::Options options = {.threads = 2}, bool start = true);
 
   ~Engine();
@@ -54,6 +56,7 @@ class Engine {
   EventHub& hub() { return hub_; }
   Scheduler& scheduler() { return scheduler_; }
   UseCases& use_cases() { return use_cases_; }
+  CampaignEngine& campaign_engine() { return campaign_engine_; }
   CampaignUseCases& campaigns() { return campaigns_; }
   GainUseCases& gains() { return gains_; }
 

@@ -9,7 +9,9 @@
 #include <fstream>
 #include <thread>
 
+#include "core/simd/lane_kernel.h"
 #include "orbitune/v1/campaign.grpc.pb.h"
+#include "storage/sqlite_connection.h"
 #include "tests/server/engine_support.h"
 #include "tests/server/process_support.h"
 #include "tests/server/rpc_support.h"
@@ -63,13 +65,14 @@ class ProcessTest : public ::testing::Test {
 struct Outcome {
   std::string iterations;
   std::string report;
+  std::string digest;
 };
 
 Outcome OutcomeOf(Client& client, const std::string& name) {
   const v1::Job job = client.WaitForEnd(name);
   EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error_message();
   EXPECT_TRUE(job.has_report());
-  return {client.Iterations(name).SerializeAsString(), job.report().SerializeAsString()};
+  return {client.Iterations(name).SerializeAsString(), job.report().SerializeAsString(), job.provenance().digest()};
 }
 
 // Long enough to be killed on its way.
@@ -119,6 +122,57 @@ TEST_F(ProcessTest, ThreadsKillsAndRestartsDoNotShow) {
   EXPECT_TRUE(killed.iterations == one.iterations);
   EXPECT_TRUE(two.report == one.report);
   EXPECT_TRUE(killed.report == one.report);
+  EXPECT_EQ(one.digest.size(), 64u);
+  EXPECT_EQ(two.digest, one.digest);
+  EXPECT_EQ(killed.digest, one.digest);
+  EXPECT_EQ(RunCli(*server, {"verify", name, "--from", "1400", "--to", "1600"}).code, 0);
+}
+
+// Of the instruction sets that this processor has and that fuse multiplication and addition.
+TEST_F(ProcessTest, InstructionSetsDoNotShowInTheDigest) {
+  std::vector<std::string> digests;
+  for (const std::string& target : simd::SupportedTargets()) {
+    if (target == "baseline") continue;
+    const Server server(NextPrefix(), {"--data-dir", File(target), "--listen", "127.0.0.1:0", "--simd", target});
+    Client client(server.address());
+    const v1::Job job = client.WaitForEnd(client.Create(60));
+    digests.push_back(job.provenance().digest());
+    ASSERT_EQ(job.provenance().engines_size(), 1);
+    EXPECT_EQ(job.provenance().engines(0).simd_target(), target);
+    EXPECT_TRUE(job.provenance().engines(0).fused_multiply_add());
+  }
+  for (const std::string& digest : digests) EXPECT_EQ(digest, digests[0]);
+}
+
+TEST_F(ProcessTest, AJobThatWasKilledIsVerifiedAndAnAlteredRowIsFound) {
+  std::string name;
+  {
+    const auto server = Start("data");
+    Client client(server->address());
+    name = client.Create(400);
+    client.WaitForIterations(name, 20);
+    server->KillHard();
+  }
+  {
+    const auto server = Start("data");
+    Client client(server->address());
+    EXPECT_EQ(client.WaitForEnd(name).state(), v1::JOB_STATE_SUCCEEDED);
+    const Result verified = RunCli(*server, {"verify", name});
+    EXPECT_EQ(verified.code, 0) << verified.out << verified.err;
+    EXPECT_THAT(verified.out, HasSubstr("IDENTICAL\niterations 1 to 400 come out the same, bit for bit"));
+    EXPECT_EQ(server->Terminate(), 0);
+  }
+  {
+    auto database = Connection::Open(File("data") + "/orbitune.db", Connection::Mode::kReadWrite);
+    ASSERT_TRUE(database.ok());
+    ASSERT_TRUE((*database)->Execute("UPDATE iterations SET k3 = k3 + 1e-12 WHERE iteration = 321").ok());
+  }
+  const auto server = Start("data");
+  const Result altered = RunCli(*server, {"verify", name});
+  EXPECT_EQ(altered.code, 1) << altered.err;
+  EXPECT_THAT(altered.out, HasSubstr("ALTERED\n"));
+  EXPECT_THAT(altered.out, HasSubstr("the first that differs is iteration 321"));
+  EXPECT_EQ(RunCli(*server, {"--json", "verify", name, "--to", "9"}).code, 1);
 }
 
 TEST_F(ProcessTest, SigtermKeepsAJobForTheNextStart) {

@@ -49,8 +49,8 @@ class GatedStore final : public JobStore {
     store_.CreateJob(std::move(id), std::move(spec), now, std::move(request_id), std::move(digest), std::move(done));
   }
   void AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
-                       std::vector<double> checkpoint, Done done) override {
-    store_.AppendIteration(id, seq, record, std::move(checkpoint), std::move(done));
+                       Continuation continuation, Done done) override {
+    store_.AppendIteration(id, seq, record, std::move(continuation), std::move(done));
   }
   void ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) override {
     store_.ChangeState(id, seq, std::move(change), std::move(done));
@@ -69,8 +69,9 @@ class GatedStore final : public JobStore {
                                                               int limit) const override {
     return store_.ListIterations(id, after, limit);
   }
-  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, int max_points) const override {
-    return store_.SampleIterations(id, max_points);
+  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string& id, IterationRange range,
+                                                                int max_points) const override {
+    return store_.SampleIterations(id, range, max_points);
   }
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string& id, std::int64_t after,
                                                    int limit) const override {
@@ -80,6 +81,7 @@ class GatedStore final : public JobStore {
   }
   CampaignStore& campaigns() override { return store_.campaigns(); }
   GainStore& gains() override { return store_.gains(); }
+  RetentionStore& retention() override { return store_.retention(); }
   void Flush() override { store_.Flush(); }
   absl::Status ok_for_now() const override { return store_.ok_for_now(); }
 

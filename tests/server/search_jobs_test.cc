@@ -302,6 +302,7 @@ TEST_F(SearchJobsTest, AJobOfSchemaVersion1IsTakenUp) {
   const JobRecord ended = engine.WaitForEnd("old");
   EXPECT_EQ(ended.state, JobState::kSucceeded) << ended.error_message;
   ExpectSameHistory(engine.History("old"), whole);
+  EXPECT_EQ(ended.provenance->backfilled, 3);
 }
 
 }  // namespace

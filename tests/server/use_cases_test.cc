@@ -220,6 +220,13 @@ TEST_F(UseCasesTest, IterationsComeAsASample) {
   for (const int wrong : {-1, 15, 10'001}) {
     EXPECT_THAT(ViolatedFields(use_cases_.SampleIterations(id, wrong).status()), ElementsAre("max_points")) << wrong;
   }
+  EXPECT_EQ(use_cases_.SampleIterations(id, 16, 20)->items.size(), 6u);
+  EXPECT_EQ(use_cases_.SampleIterations(id, 16, 0, 3)->items.size(), 3u);
+  const auto violated = [&](int first, int last) {
+    return ViolatedFields(use_cases_.SampleIterations(id, 16, first, last).status());
+  };
+  EXPECT_THAT(violated(-1, 0), ElementsAre("first_iteration"));
+  EXPECT_THAT(violated(5, 4), ElementsAre("last_iteration"));
 }
 
 TEST_F(UseCasesTest, ScenariosComeInPages) {
@@ -291,6 +298,9 @@ TEST_F(UseCasesTest, FilteredJobs) {
   EXPECT_THAT(List({.filter = "labels.case = \"a \\\"b\\\"\""}), ElementsAre(a));
   EXPECT_THAT(List({.filter = "labels.case=plain AND state = SUCCEEDED"}), ElementsAre(b));
   EXPECT_THAT(List({.filter = "labels.case != plain"}), UnorderedElementsAre(a, running));
+  EXPECT_THAT(List({.filter = "text = \"CASE=plai\""}), ElementsAre(b));
+  EXPECT_THAT(List({.filter = "text = \"" + a.substr(2) + "\" AND text = case"}), ElementsAre(a));
+  EXPECT_THAT(List({.filter = "text = \"%\""}), ElementsAre());
   EXPECT_THAT(List({.filter = "state = RUNNING"}), ElementsAre(running));
   EXPECT_THAT(List({.filter = "state != RUNNING AND state != FAILED"}), UnorderedElementsAre(a, b));
   EXPECT_EQ(List({.filter = "scenario = small"}).size(), 3u);
@@ -301,7 +311,7 @@ TEST_F(UseCasesTest, FilteredJobs) {
 
 TEST_F(UseCasesTest, AFilterThatIsNoneSaysWhatWasExpectedWhere) {
   const std::pair<std::string, std::string> cases[] = {
-      {"colour = red", "at character 1: state, scenario, campaign or labels.KEY"},
+      {"colour = red", "at character 1: state, scenario, campaign, text or labels.KEY"},
       {"labels. = x", "at character 1"},
       {"state", "at character 6: = or !="},
       {"state > RUNNING", "at character 7"},

@@ -21,6 +21,7 @@ CampaignSpec OddCampaign() {
   spec.labels = {{"case", "1"}};
   spec.scenario = *FindPreset("leo-rendezvous");
   spec.warm_start = "jobs/warm";
+  spec.owner = "ana";
   spec.draws =
       InitialConditionDraws{.distribution = KeplerianDistribution{.semi_major_axis_km = NormalVariate{7e3, 0.1},
                                                                   .eccentricity = UniformVariate{0, 0.1},

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "absl/strings/str_cat.h"
+#include "core/library/scenario_digest.h"
 #include "tests/storage/store_support.h"
 
 namespace orbitune::storage_test {
@@ -32,6 +33,7 @@ TEST_P(JobStoreConformance, KeepsAJobWithAllItsFields) {
   expected.spec = OddSpec();
   expected.create_time_us = expected.update_time_us = 1'700'000'000'000'001;
   expected.last_seq = expected.state_changes = 1;
+  expected.provenance = created->provenance;
   EXPECT_EQ(Difference(*created, expected), "");
 
   StateChange succeeded = ChangeTo(JobState::kSucceeded, 30, "");
@@ -48,6 +50,7 @@ TEST_P(JobStoreConformance, KeepsAJobWithAllItsFields) {
   expected.first = RecordOf(1);
   expected.latest = expected.best = RecordOf(2);
   expected.report = OddReport();
+  expected.provenance->digest = {};
   for (const bool reopen : {false, true}) {
     if (reopen) Reopen();
     const auto job = store().GetJob("odd");
@@ -156,11 +159,11 @@ TEST_P(JobStoreConformance, ListsIterationsFromAny) {
 
 TEST_P(JobStoreConformance, SamplesAllOfAShortHistory) {
   CreateWithIterations(store(), "a", 16);
-  const auto records = store().SampleIterations("a", 16);
+  const auto records = store().SampleIterations("a", {}, 16);
   ASSERT_TRUE(records.ok()) << records.status();
   ASSERT_EQ(records->size(), 16u);
   for (int i = 0; i < 16; ++i) EXPECT_TRUE(Identical((*records)[static_cast<std::size_t>(i)], RecordOf(i + 1)));
-  EXPECT_TRUE(absl::IsNotFound(store().SampleIterations("none", 16).status()));
+  EXPECT_TRUE(absl::IsNotFound(store().SampleIterations("none", {}, 16).status()));
 }
 
 // Peaks, dips and an iteration without a cost, each a single one among 2000, are in any sample.
@@ -179,7 +182,7 @@ TEST_P(JobStoreConformance, SamplesKeepTheExtremesOfALongHistory) {
   store().Flush();
   for (const int max_points : {16, 17, 100, 1999}) {
     SCOPED_TRACE(max_points);
-    const auto records = store().SampleIterations("a", max_points);
+    const auto records = store().SampleIterations("a", {}, max_points);
     ASSERT_TRUE(records.ok()) << records.status();
     EXPECT_LE(records->size(), static_cast<std::size_t>(max_points));
     EXPECT_GE(records->size(), static_cast<std::size_t>(max_points / 2));
@@ -191,6 +194,26 @@ TEST_P(JobStoreConformance, SamplesKeepTheExtremesOfALongHistory) {
     for (const int kept : {1, 777, 1301, 1500, kCount}) EXPECT_TRUE(seen.contains(kept)) << kept;
     EXPECT_TRUE(seen.contains(store().GetJob("a")->best->iteration));
   }
+}
+
+TEST_P(JobStoreConformance, SamplesAStretchOfAHistory) {
+  CreateWithIterations(store(), "a", 200);
+  const auto iterations = [&](IterationRange range) {
+    std::vector<int> found;
+    const auto records = store().SampleIterations("a", range, 16);
+    if (!records.ok()) ADD_FAILURE() << records.status();
+    for (const IterationRecord& record : *records) found.push_back(record.iteration);
+    return found;
+  };
+  const auto long_stretch = iterations({.first = 50, .last = 149});
+  EXPECT_EQ(long_stretch.front(), 50);
+  EXPECT_EQ(long_stretch.back(), 149);
+  EXPECT_LE(long_stretch.size(), 16u);
+  EXPECT_GE(long_stretch.size(), 8u);
+  EXPECT_EQ(iterations({.first = 100, .last = 103}), (std::vector{100, 101, 102, 103}));
+  EXPECT_EQ(iterations({.first = 199, .last = 5000}), (std::vector{199, 200}));
+  EXPECT_EQ(iterations({.first = 201}), std::vector<int>());
+  EXPECT_EQ(iterations({.first = 7, .last = 6}), std::vector<int>());
 }
 
 TEST_P(JobStoreConformance, KeepsTheBestByBetterAndTheEarliestOfEquals) {
@@ -216,6 +239,36 @@ TEST_P(JobStoreConformance, KeepsTheBestByBetterAndTheEarliestOfEquals) {
   }
 }
 
+TEST_P(JobStoreConformance, KeepsTheProvenanceOfAJobForGood) {
+  const Engine here{.version = "1", .simd_target = "avx2", .fused_multiply_add = true, .libraries = "\"glibc\" 2"};
+  const Engine there{.version = "2", .simd_target = "baseline", .libraries = ""};
+  const auto created = Create(store(), "a");
+  ASSERT_TRUE(created.ok()) << created.status();
+  ASSERT_TRUE(created->provenance);
+  EXPECT_EQ(created->provenance->inputs_digest, ToHex(created->provenance->digest));
+  EXPECT_EQ(created->provenance->scenario_digest, ScenarioDigest(created->spec.scenario));
+  EXPECT_EQ(Difference(*store().GetJob("a"), *created), "");
+  const auto ok = [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; };
+  store().AppendIteration("a", 2, RecordOf(1), {.digest = Sha256("1"), .engine = here}, ok);
+  store().AppendIteration("a", 3, RecordOf(2), {.digest = Sha256("2")}, ok);
+  store().Flush();
+  Reopen();
+  store().AppendIteration("a", 4, RecordOf(3), {.digest = Sha256("3"), .engine = there}, ok);
+  ASSERT_TRUE(Change(store(), "a", 5, ChangeTo(JobState::kCancelled)).ok());
+  Reopen();
+  const auto kept = store().GetJob("a")->provenance;
+  ASSERT_TRUE(kept);
+  EXPECT_EQ(kept->digest, Sha256("3"));
+  EXPECT_EQ(kept->inputs_digest, created->provenance->inputs_digest);
+  EXPECT_EQ(kept->backfilled, 0);
+  ASSERT_EQ(kept->engines.size(), 2u);
+  EXPECT_EQ(kept->engines[0].first_iteration, 1);
+  EXPECT_EQ(kept->engines[0].engine, here);
+  EXPECT_EQ(kept->engines[1].first_iteration, 3);
+  EXPECT_EQ(kept->engines[1].engine, there);
+  EXPECT_EQ(store().ListJobs({})->at(0).provenance->digest, Sha256("3"));
+}
+
 // With the newest iteration, until the job ends.
 TEST_P(JobStoreConformance, KeepsTheCheckpointOfTheNewestIteration) {
   ASSERT_TRUE(Create(store(), "a").ok());
@@ -223,9 +276,9 @@ TEST_P(JobStoreConformance, KeepsTheCheckpointOfTheNewestIteration) {
   EXPECT_TRUE(store().GetJob("a")->checkpoint.empty());
   const std::vector<double> last{-0.0, std::numeric_limits<double>::denorm_min(), 0.1, 4, 5, 6};
   const auto ok = [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; };
-  store().AppendIteration("a", 2, RecordOf(1), {1, 2, 3}, ok);
-  store().AppendIteration("b", 2, RecordOf(1), {7}, ok);
-  store().AppendIteration("a", 3, RecordOf(2), last, ok);
+  store().AppendIteration("a", 2, RecordOf(1), {.checkpoint = {1, 2, 3}}, ok);
+  store().AppendIteration("b", 2, RecordOf(1), {.checkpoint = {7}}, ok);
+  store().AppendIteration("a", 3, RecordOf(2), {.checkpoint = last}, ok);
   store().Flush();
   Reopen();
   const auto kept = store().GetJob("a")->checkpoint;
@@ -235,7 +288,7 @@ TEST_P(JobStoreConformance, KeepsTheCheckpointOfTheNewestIteration) {
   EXPECT_EQ(store().GetJob("b")->checkpoint, std::vector<double>{7});
   ASSERT_TRUE(Change(store(), "a", 4, ChangeTo(JobState::kRunning)).ok());
   EXPECT_EQ(store().GetJob("a")->checkpoint, last);
-  store().AppendIteration("a", 5, RecordOf(3), {8}, ok);
+  store().AppendIteration("a", 5, RecordOf(3), {.checkpoint = {8}}, ok);
   ASSERT_TRUE(Change(store(), "a", 6, ChangeTo(JobState::kCancelled)).ok());
   EXPECT_TRUE(store().GetJob("a")->checkpoint.empty());
 }

@@ -42,6 +42,13 @@ class CampaignStoreConformance : public JobStoreConformance {
   absl::Status Delete(const std::string& id);
 };
 
+// What retention needs (retention_conformance.cc).
+class RetentionConformance : public JobStoreConformance {
+ protected:
+  // Until what was removed is gone from the disk.
+  void AwaitRemoval();
+};
+
 // The listings' conformance (job_list_conformance.cc).
 class JobListConformance : public JobStoreConformance {};
 

@@ -19,7 +19,8 @@ using Json = nlohmann::ordered_json;
 
 // Fields that version 1 did not have: they may be missing.
 const std::set<std::string> kLater{"algorithm",   "max_episodes",       "plateau_stop", "ars_variants", "cma_es",
-                                   "nelder_mead", "initial_conditions", "objective",    "warm_start",   "campaign_id"};
+                                   "nelder_mead", "initial_conditions", "objective",    "warm_start",   "campaign_id",
+                                   "owner"};
 
 JobSpec Reread(const JobSpec& spec) { return *JobSpecFromJson(*ToJson(spec)); }
 

@@ -21,6 +21,7 @@ INSTANTIATE_TEST_SUITE_P(Sqlite, JobStoreConformance, testing::Values(&MakeSqlit
 INSTANTIATE_TEST_SUITE_P(Sqlite, CampaignStoreConformance, testing::Values(&MakeSqlite));
 INSTANTIATE_TEST_SUITE_P(Sqlite, JobListConformance, testing::Values(&MakeSqlite));
 INSTANTIATE_TEST_SUITE_P(Sqlite, GainStoreConformance, testing::Values(&MakeSqlite));
+INSTANTIATE_TEST_SUITE_P(Sqlite, RetentionConformance, testing::Values(&MakeSqlite));
 
 }  // namespace
 }  // namespace orbitune::storage_test

@@ -39,8 +39,8 @@ std::string DifferentRecords(std::string_view name, const std::optional<Iteratio
 
 }  // namespace
 
-TemporaryDirectory::TemporaryDirectory() {
-  std::string name = (std::filesystem::temp_directory_path() / "orbitune-storage-XXXXXX").string();
+TemporaryDirectory::TemporaryDirectory(const std::filesystem::path& parent) {
+  std::string name = (parent / "orbitune-storage-XXXXXX").string();
   path_ = mkdtemp(name.data());
 }
 
@@ -110,6 +110,7 @@ JobSpec OddSpec() {
   spec.objective = {.aggregate = Aggregate::kCvar, .level = 0.9, .relative_to_initial = true};
   spec.warm_start = "jobs/another";
   spec.campaign_id = "campaign";
+  spec.owner = "ana";
   return spec;
 }
 
@@ -296,6 +297,11 @@ std::string Difference(const JobRecord& a, const JobRecord& b) {
   compare("error_message", a.error_message, b.error_message);
   compare("has report", a.report.has_value(), b.report.has_value());
   if (a.report && b.report) difference += Difference(*a.report, *b.report);
+  compare("has provenance", a.provenance.has_value(), b.provenance.has_value());
+  if (a.provenance && b.provenance) {
+    compare("provenance", ToJson(*a.provenance), ToJson(*b.provenance));
+    compare("digest", ToHex(a.provenance->digest), ToHex(b.provenance->digest));
+  }
   difference += DifferentRecords("first", a.first, b.first);
   difference += DifferentRecords("latest", a.latest, b.latest);
   difference += DifferentRecords("best", a.best, b.best);

@@ -22,6 +22,7 @@ export interface ChartProps {
   log?: boolean; // at first
   xFormat?: (x: number) => string;
   sync?: string; // cursors of charts of one name move together
+  onZoom?: (range: [number, number] | null) => void; // the stretch of x that is shown, where it is not all
   testId?: string;
 }
 
@@ -61,9 +62,18 @@ function positive(values: Curve["values"]): (number | null)[] {
 const finite = (values: Curve["values"]): (number | null)[] =>
   Array.from(values, (v) => (v !== null && Number.isFinite(v) ? v : null));
 
-function options(props: ChartProps, log: boolean, width: number): uPlot.Options {
+// What of x is shown; nothing where that is all.
+function zoomOf(plot: uPlot): [number, number] | null {
+  const all = plot.data[0];
+  const { min, max } = plot.scales.x!;
+  if (typeof min !== "number" || typeof max !== "number" || all.length === 0) return null;
+  return min > all[0]! || max < all[all.length - 1]! ? [min, max] : null;
+}
+
+function options(props: ChartProps, log: boolean, width: number, zoomed: () => void): uPlot.Options {
   return {
     width,
+    hooks: { setScale: [(_u, key) => key === "x" && zoomed()] },
     height: props.height ?? 260,
     cursor: {
       ...(props.sync ? { sync: { key: props.sync } } : {}),
@@ -102,28 +112,70 @@ function options(props: ChartProps, log: boolean, width: number): uPlot.Options 
   };
 }
 
+// Arrows move the cursor, + and - zoom around it, 0 shows all. False: another key.
+function steer(plot: uPlot, key: string): boolean {
+  const x = plot.data[0];
+  const last = x.length - 1;
+  if (last < 0) return false;
+  const { min, max } = plot.scales.x!;
+  const at = plot.cursor.idx ?? null;
+  const from = plot.valToIdx(min ?? x[0]!);
+  const to = plot.valToIdx(max ?? x[last]!);
+  const step = Math.max(1, Math.round((to - from) / 50));
+  const go = (index: number) => {
+    const left = plot.valToPos(x[Math.max(from, Math.min(to, index))]!, "x");
+    plot.setCursor({ left, top: plot.over.clientHeight / 2 });
+  };
+  const zoom = (factor: number) => {
+    const [low, high] = [min ?? x[0]!, max ?? x[last]!];
+    const centre = at === null ? (low + high) / 2 : x[at]!;
+    const half = ((high - low) / 2) * factor;
+    const range = { min: Math.max(x[0]!, centre - half), max: Math.min(x[last]!, centre + half) };
+    if (range.max > range.min) plot.setScale("x", range);
+  };
+  const keys: Record<string, () => void> = {
+    ArrowLeft: () => go((at ?? to + step) - step),
+    ArrowRight: () => go((at ?? from - step) + step),
+    Home: () => go(from),
+    End: () => go(to),
+    "+": () => zoom(0.5),
+    "=": () => zoom(0.5),
+    "-": () => zoom(2),
+    "0": () => plot.setScale("x", { min: x[0]!, max: x[last]! }),
+    Escape: () => plot.setScale("x", { min: x[0]!, max: x[last]! }),
+  };
+  const act = keys[key];
+  act?.();
+  return act !== undefined;
+}
+
 export function Chart(props: ChartProps) {
   const place = useRef<HTMLDivElement>(null);
   const plot = useRef<uPlot | null>(null);
   const [log, setLog] = useState(props.log ?? false);
+  const [read, setRead] = useState(""); // what the keys have moved the cursor to
+  const latest = useRef(props);
+  latest.current = props;
   const shape = JSON.stringify([log, props.title, props.xLabel, props.yLabel, props.curves.map((c) => [c.label, c.colour, c.unit])]);
   const data = (): uPlot.AlignedData =>
     [props.x, ...props.curves.map((c) => (log ? positive(c.values) : finite(c.values)))] as uPlot.AlignedData;
 
   useEffect(() => {
     const box = place.current!;
-    const made = new uPlot(options(props, log, Math.max(240, box.clientWidth)), data(), box);
+    const zoomed = () => plot.current && latest.current.onZoom?.(zoomOf(plot.current));
+    const made = new uPlot(options(props, log, Math.max(240, box.clientWidth), zoomed), data(), box);
     plot.current = made;
     const resize = new ResizeObserver(() => {
       const width = Math.max(240, box.clientWidth);
       if (width !== made.width) made.setSize({ width, height: props.height ?? 260 });
     });
     resize.observe(box);
-    const theme = matchMedia("(prefers-color-scheme: dark)");
+    // On paper colours are the light ones.
+    const themes = ["(prefers-color-scheme: dark)", "print"].map((query) => matchMedia(query));
     const redraw = () => made.redraw(false, true);
-    theme.addEventListener("change", redraw);
+    for (const theme of themes) theme.addEventListener("change", redraw);
     return () => {
-      theme.removeEventListener("change", redraw);
+      for (const theme of themes) theme.removeEventListener("change", redraw);
       resize.disconnect();
       made.destroy();
       plot.current = null;
@@ -134,11 +186,9 @@ export function Chart(props: ChartProps) {
     const made = plot.current;
     if (!made) return;
     // What was zoomed into stays.
-    const all = made.data[0];
-    const { min, max } = made.scales.x!;
-    const zoomed = typeof min === "number" && typeof max === "number" && (min > all[0]! || max < all[all.length - 1]!);
-    made.setData(data(), !zoomed);
-    if (zoomed) made.setScale("x", { min, max });
+    const zoom = zoomOf(made);
+    made.setData(data(), zoom === null);
+    if (zoom) made.setScale("x", { min: zoom[0], max: zoom[1] });
   }, [props.x, ...props.curves.map((c) => c.values)]);
 
   const last = props.curves.map((c) => `${c.label} ${withUnit(significant(lastOf(c.values)), c.unit ?? "")}`).join(", ");
@@ -156,9 +206,27 @@ export function Chart(props: ChartProps) {
           {log ? "log" : "lin"}
         </button>
       </figcaption>
-      <div ref={place} role="img" aria-label={`${props.title} over ${props.xLabel}. Last: ${last}`} />
+      <div
+        ref={place}
+        class="plot"
+        role="group"
+        aria-roledescription="chart"
+        aria-label={`${props.title} over ${props.xLabel}. Last: ${last}. Arrow keys read values, plus and minus zoom, 0 shows all.`}
+        tabIndex={0}
+        onKeyDown={(event) => {
+          if (event.ctrlKey || event.altKey || event.metaKey || !plot.current || !steer(plot.current, event.key)) return;
+          event.preventDefault();
+          setRead(valuesAt(plot.current));
+        }}
+      />
+      <p class="unseen" role="status">{read}</p>
     </figure>
   );
+}
+
+// The legend's texts under the cursor.
+function valuesAt(plot: uPlot): string {
+  return [...plot.root.querySelectorAll(".u-legend tr")].map((row) => [...row.children].map((cell) => cell.textContent).join(" ")).join(", ");
 }
 
 function lastOf(values: Curve["values"]): number {

@@ -50,6 +50,13 @@ function append(table: Table, record: Iteration, fuelWeight: number): void {
   for (const key of ["k1", "k2", "k3", "k4", "k5"] as const) values[key].push(record.gains[key]);
 }
 
+function copyOf(table: Table, begin: number, end: number): Table {
+  const copy = emptyTable();
+  copy.iteration = table.iteration.slice(begin, end);
+  for (const column of columns) copy.values[column] = table.values[column].slice(begin, end);
+  return copy;
+}
+
 // Grows by whole iterations, in order; never beyond `capacity` rows, past which half of them are let go, extremes kept.
 export class History {
   table = emptyTable();
@@ -95,6 +102,27 @@ export class History {
     this.last = record.iteration;
     if (this.table.iteration.length > this.capacity) this.thin();
     return true;
+  }
+
+  // How many of the iterations from `first` to `last` are here.
+  rowsIn(first: number, last: number): number {
+    return this.table.iteration.reduce((rows, i) => rows + Number(i >= first && i <= last), 0);
+  }
+
+  // A copy to draw, with a closer sample of a stretch in place of what is here of it.
+  drawn(closer: readonly Iteration[]): Table {
+    const { iteration, values } = this.table;
+    const from = closer.length > 0 ? iteration.findIndex((i) => i >= closer[0]!.iteration) : -1;
+    if (from < 0) return copyOf(this.table, 0, iteration.length);
+    const made = copyOf(this.table, 0, from);
+    for (const record of closer) append(made, record, this.fuelWeight);
+    const newest = closer[closer.length - 1]!.iteration;
+    for (let row = from; row < iteration.length; ++row) {
+      if (iteration[row]! <= newest) continue;
+      made.iteration.push(iteration[row]!);
+      for (const column of columns) made.values[column].push(values[column][row]!);
+    }
+    return made;
   }
 
   private thin(): void {

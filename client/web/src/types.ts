@@ -161,6 +161,34 @@ export interface Job {
   error_message: string;
   etag: string;
   campaign?: string;
+  provenance?: Provenance | null;
+}
+export interface Engine {
+  first_iteration: number;
+  version: string;
+  simd_target: string;
+  fused_multiply_add: boolean;
+  libraries: string;
+}
+export interface Provenance {
+  seed: string;
+  scenario_digest: string;
+  inputs_digest: string;
+  digest: string;
+  iterations: number;
+  backfilled_iterations: number;
+  engines: Engine[];
+}
+export interface Verification {
+  verdict: string;
+  completed_iterations: number;
+  first_iteration: number;
+  last_iteration: number;
+  first_difference?: { iteration: number; stored?: Iteration | null; recomputed?: Iteration | null } | null;
+  digest: string;
+  recorded_digest: string;
+  engine_differences: string[];
+  conclusion: string;
 }
 export interface StateChange {
   state: JobState;

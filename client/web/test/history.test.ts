@@ -72,3 +72,17 @@ test("the rate is over the last seconds", () => {
   rate.reset();
   assert.ok(Number.isNaN(rate.perSecond));
 });
+
+test("a closer look at a stretch takes the place of what is here of it", () => {
+  const history = new History(50);
+  history.load([1, 5, 10, 15, 20].map((i) => iteration(i)));
+  history.add(iteration(21));
+  assert.equal(history.rowsIn(5, 15), 3);
+  assert.deepEqual(history.drawn([]).iteration, [1, 5, 10, 15, 20, 21]);
+  const closer = history.drawn(range(8, 12).map((i) => iteration(i, 1000 + i)));
+  assert.deepEqual(closer.iteration, [1, 5, 8, 9, 10, 11, 12, 15, 20, 21]);
+  assert.equal(closer.values.cost[4], 1010);
+  assert.equal(closer.values.fuel[4], 25);
+  assert.deepEqual(history.drawn(range(18, 20).map((i) => iteration(i))).iteration, [1, 5, 10, 15, 18, 19, 20, 21]);
+  assert.deepEqual(history.table.iteration, [1, 5, 10, 15, 20, 21], "the history itself stays");
+});

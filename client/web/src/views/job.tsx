@@ -4,13 +4,14 @@ import { ApiError, Stream, get } from "../api";
 import { Chart } from "../chart";
 import { type Flown, fly } from "../flights";
 import { brief, count, duration, enumText, fixed, flightTime, idOf, percent, real, reductionPercent, significant, utc, withUnit } from "../format";
-import { Rate } from "../history";
+import { type History, Rate } from "../history";
 import { JobActions } from "../job_actions";
 import { JobEvents, isTerminal } from "../job_events";
 import { gainUnits } from "../orbit";
 import { Copy, Facts, Fault, GainsLine, Progress, State, gainName, orbitText, save } from "../parts";
 import { isMissing, messageOf, useTitle } from "../store";
 import { type EpisodeResult, type GainsAssessment, type Iteration, type Job, gainKeys } from "../types";
+import { Proof } from "../verify";
 import { FlightCharts } from "./flight_charts";
 
 const samplePoints = 1200;
@@ -239,6 +240,7 @@ function Exports({ job }: { job: Job }) {
       <p class="actions">
         <button type="button" disabled={busy !== ""} onClick={() => void run("csv", csv)}>History as CSV</button>
         <button type="button" disabled={busy !== ""} onClick={() => void run("json", json)}>Job and history as JSON</button>
+        <button type="button" onClick={() => print()}>This page on paper, or as PDF</button>
         <a href={`/v1/${job.name}`} target="_blank" rel="noreferrer">Job in the API</a>
         {busy && <span role="status">fetching…</span>}
       </p>
@@ -248,30 +250,52 @@ function Exports({ job }: { job: Job }) {
   );
 }
 
-// First and best, flown again; the best one anew some seconds after it changed.
-function useFlights(job: Job | null): { flights: Flown[]; error: string } {
+// A stretch that is looked at closely, in full detail as far as `samplePoints` go; where all of it is here, nothing.
+function useCloser(name: string, history: History | null, zoom: [number, number] | null): Iteration[] {
+  const [closer, setCloser] = useState<Iteration[]>([]);
+  const first = zoom ? Math.max(1, Math.floor(zoom[0])) : 0;
+  const last = zoom && history ? Math.min(history.last, Math.ceil(zoom[1])) : 0;
+  useEffect(() => {
+    if (first === 0) return setCloser([]);
+    if (!history || last < first || history.rowsIn(first, last) > last - first) return;
+    const abort = new AbortController();
+    const path = `/v1/${name}/iterations?max_points=${samplePoints}&first_iteration=${first}&last_iteration=${last}`;
+    const load = () => get<{ iterations: Iteration[] }>(path, abort.signal).then((answer) => setCloser(answer.iterations)).catch(() => undefined);
+    const timer = setTimeout(() => void load(), 150);
+    return () => {
+      clearTimeout(timer);
+      abort.abort();
+    };
+  }, [name, first, last]);
+  return closer;
+}
+
+// First and best, flown again from the `start`-th of several initial conditions, or the one there is; the best one anew
+// some seconds after it changed.
+function useFlights(job: Job | null, start: number): { flights: Flown[]; error: string } {
   const [flights, setFlights] = useState<Flown[]>([]);
   const [error, setError] = useState("");
   const first = job?.initial_iteration;
   const best = job?.best_iteration;
   const ended = job !== null && isTerminal(job.state);
-  // While it runs, every ten seconds' best.
+  // While it runs: soon after it began, when most changes, and then every ten seconds.
   const [turn, setTurn] = useState(0);
   useEffect(() => {
     if (ended || !first) return;
-    const timer = setInterval(() => setTurn((t) => t + 1), 10_000);
-    return () => clearInterval(timer);
-  }, [ended, !first]);
-  const key = !first || !best || (job?.initial_conditions?.length ?? 0) > 0 ? "" : ended ? `${job!.name} ${best.iteration}` : `${job!.name} ${turn}`;
+    const timer = setTimeout(() => setTurn((t) => t + 1), turn < 3 ? 2000 : 10_000);
+    return () => clearTimeout(timer);
+  }, [ended, !first, turn]);
+  const key = !first || !best ? "" : `${job!.name} ${start} ${ended ? best.iteration : `turn ${turn}`}`;
   const flown = useRef("");
   useEffect(() => {
     const scenario = job?.scenario_definition;
     if (key === "" || !scenario || !first || !best) return;
-    const what = `${job.name} ${best.iteration}`;
+    const what = `${job.name} ${start} ${best.iteration}`;
     if (flown.current === what) return;
     const abort = new AbortController();
     const expected = Math.max(first.settling_samples, best.settling_samples);
-    const run = (gains: typeof first.gains) => fly(scenario, job.initial_condition, gains, expected, flightSamples, abort.signal);
+    const from = job.initial_conditions?.[start] ?? job.initial_condition;
+    const run = (gains: typeof first.gains) => fly(scenario, from, gains, expected, flightSamples, abort.signal);
     Promise.all([run(first.gains), run(best.gains)])
       .then(([before, after]) => {
         flown.current = what;
@@ -326,6 +350,7 @@ function Provenance({ job, live }: { job: Job; live: Live }) {
           },
         ]}
       />
+      <Proof job={job} />
     </section>
   );
 }
@@ -365,25 +390,19 @@ export function JobView({ id }: { id: string }) {
   const live = useJob(name);
   const { job, history } = live.events;
   useTitle(job ? job.display_name || id : id);
-  const { flights, error } = useFlights(job);
-  const table = history?.table;
+  const [start, setStart] = useState(0);
+  const { flights, error } = useFlights(job, start);
+  const [zoom, setZoom] = useState<[number, number] | null>(null);
+  const onZoom = (range: [number, number] | null) => setZoom((old) => (String(old) === String(range) ? old : range));
+  const closer = useCloser(name, history, zoom);
   // The columns grow in place: what is drawn is a copy of each frame.
-  const columns = useMemo(() => {
-    if (!table) return null;
-    const v = table.values;
-    return {
-      x: table.iteration.slice(),
-      cost: v.cost.slice(),
-      settling: v.settling.slice(),
-      fuel: v.fuel.slice(),
-      gains: gainKeys.map((key) => v[key].slice()),
-    };
-  }, [live.version, table]);
+  const drawn = useMemo(() => history?.drawn(closer) ?? null, [live.version, history?.table, closer]);
   if (!job) {
     return live.error ? <Fault>{live.error}</Fault> : <p class="loading" role="status">{live.connected ? "loading…" : "the server does not answer; trying again…"}</p>;
   }
   const colours = ["--c1", "--c2", "--c3", "--c4", "--c5"];
   const labels = Object.entries(job.labels ?? {});
+  const starts = job.initial_conditions?.length ?? 0;
   return (
     <article data-testid="job" data-state={job.state} data-iterations={history?.last ?? 0}>
       {!live.connected && <p class="banner" role="alert">Connection lost. What is shown may be old; trying again…</p>}
@@ -403,21 +422,22 @@ export function JobView({ id }: { id: string }) {
       </header>
       {job.error_message && <Fault>{job.error_message}</Fault>}
       <Headline job={job} live={live} />
-      {columns && columns.x.length > 0 && (
+      {drawn && drawn.iteration.length > 0 && (
         <div class="grid two">
           <Chart
             title="Cost J and its two terms"
             xLabel="iteration"
             yLabel="J"
             testId="cost"
-            x={columns.x}
+            x={drawn.iteration}
             sync="history"
+            onZoom={onZoom}
             xFormat={count}
             height={300}
             curves={[
-              { label: "J", colour: "--c1", values: columns.cost, width: 2 },
-              { label: "Hc, samples", colour: "--c2", values: columns.settling },
-              { label: "ρ Σ‖u‖", colour: "--c3", values: columns.fuel },
+              { label: "J", colour: "--c1", values: drawn.values.cost, width: 2 },
+              { label: "Hc, samples", colour: "--c2", values: drawn.values.settling },
+              { label: "ρ Σ‖u‖", colour: "--c3", values: drawn.values.fuel },
             ]}
           />
           <Chart
@@ -425,13 +445,16 @@ export function JobView({ id }: { id: string }) {
             xLabel="iteration"
             yLabel="K, in its unit"
             testId="gains"
-            x={columns.x}
+            x={drawn.iteration}
             sync="history"
             xFormat={count}
             height={300}
             log
-            curves={gainKeys.map((_, i) => ({ label: gainName(i), colour: colours[i]!, values: columns.gains[i]! }))}
+            curves={gainKeys.map((key, i) => ({ label: gainName(i), colour: colours[i]!, values: drawn.values[key] }))}
           />
+          {drawn.iteration.length < (history?.last ?? 0) && (
+            <p class="note wide">{`${count(drawn.iteration.length)} of ${count(history?.last)} iterations are drawn, peaks and dips kept. Drag across a curve (or + on the keyboard) to zoom: the stretch is then shown in detail. Double-click (or 0) shows all.`}</p>
+          )}
         </div>
       )}
       {(job.report?.warnings.length ?? 0) > 0 && (
@@ -441,7 +464,17 @@ export function JobView({ id }: { id: string }) {
       )}
       {flights.length > 0 && (
         <section aria-labelledby="flights">
-          <h2 id="flights">First against best</h2>
+          <header class="title">
+            <h2 id="flights">First against best</h2>
+            {starts > 1 && (
+              <label>
+                from{" "}
+                <select value={start} onChange={(e) => setStart(Number(e.currentTarget.value))} data-testid="start">
+                  {job.initial_conditions!.map((state, i) => <option key={i} value={i}>{`${i + 1}: ${orbitText(state)}`}</option>)}
+                </select>
+              </label>
+            )}
+          </header>
           <p class="key">
             {flights.map((f) => <span class={f.colour.slice(2)} key={f.label}>{f.label}</span>)} <span class="target">target's orbit</span>
           </p>

@@ -10,7 +10,6 @@ import { useLoaded, useSettled, useTitle } from "../store";
 import type { Iteration, Job, Scenario } from "../types";
 
 const pageSize = 25;
-const searchedJobs = 1000;
 const states = ["QUEUED", "RUNNING", "PAUSED", "SUCCEEDED", "FAILED", "CANCELLED"];
 
 interface Filter {
@@ -19,24 +18,22 @@ interface Filter {
   text: string;
 }
 
-// The filter in the server's words; what is left to look for among the jobs that it gives.
-export function serverFilter({ state, scenario, text }: Filter): { filter: string; words: string } {
+const quoted = (text: string): string => (text.length > 1 && /^".*"$/.test(text) ? text : `"${text.replace(/[\\"]/g, "\\$&")}"`);
+
+// The filter in the server's words: label=value is a comparison, anything else is looked for word by word.
+export function serverFilter({ state, scenario, text }: Filter): string {
   const terms: string[] = [];
   if (state) terms.push(`state = ${state}`);
   if (scenario) terms.push(`scenario = "${scenario}"`);
   const comparison = /^\s*([\w.-]+)\s*(!?=)\s*(.+?)\s*$/.exec(text);
   if (comparison) {
     const [, field, operator, value] = comparison;
-    const name = /^(state|scenario|campaign|labels\..*)$/.test(field!) ? field! : `labels.${field!}`;
-    terms.push(`${name} ${operator} ${value!.startsWith('"') ? value! : `"${value!}"`}`);
+    const name = /^(state|scenario|campaign|text|labels\..*)$/.test(field!) ? field! : `labels.${field!}`;
+    terms.push(`${name} ${operator} ${quoted(value!)}`);
+  } else {
+    terms.push(...text.split(/\s+/).filter(Boolean).map((word) => `text = ${quoted(word)}`));
   }
-  return { filter: terms.join(" AND "), words: comparison ? "" : text.trim().toLowerCase() };
-}
-
-function matches(job: Job, words: string): boolean {
-  const labels = Object.entries(job.labels ?? {}).map(([key, value]) => `${key}=${value}`);
-  const text = [job.name, job.display_name, job.scenario, ...labels].join(" ").toLowerCase();
-  return words.split(/\s+/).every((word) => text.includes(word));
+  return terms.join(" AND ");
 }
 
 // [iteration, J] for the sparklines, fetched two jobs at a time: once for a job that has ended, and whenever a running one
@@ -93,13 +90,10 @@ export function JobsView() {
   const sparks = useRef<Sparks | null>(null);
   sparks.current ??= new Sparks(() => draw((n) => n + 1));
   const settled = useSettled(filter, 250);
-  const { filter: asked, words } = serverFilter(settled);
-  const token = words ? "" : (tokens[tokens.length - 1] ?? "");
-  const size = words ? searchedJobs : pageSize;
-  const path = `/v1/jobs${query({ page_size: size, filter: asked, page_token: token })}`;
+  const path = `/v1/jobs${query({ page_size: pageSize, filter: serverFilter(settled), page_token: tokens[tokens.length - 1] ?? "" })}`;
   const list = useLoaded(path, (signal) => get<{ jobs: Job[]; next_page_token: string }>(path, signal), 1500);
   const scenarios = useLoaded("scenarios", (signal) => get<{ scenarios: Scenario[] }>("/v1/scenarios", signal));
-  const jobs = (list.value?.jobs ?? []).filter((job) => words === "" || matches(job, words)).slice(0, 100);
+  const jobs = list.value?.jobs ?? [];
   useEffect(() => sparks.current!.want(jobs), [list.value]);
   const change = (part: Partial<Filter>) => {
     setFilter((old) => ({ ...old, ...part }));
@@ -190,7 +184,7 @@ export function JobsView() {
           </table>
         </div>
       )}
-      {!words && (tokens.length > 0 || list.value?.next_page_token) && (
+      {(tokens.length > 0 || list.value?.next_page_token) && (
         <nav class="pages" aria-label="Pages">
           <button type="button" disabled={tokens.length === 0} onClick={() => setTokens(tokens.slice(0, -1))}>Newer</button>
           <span>{`Page ${tokens.length + 1}`}</span>
