@@ -174,6 +174,12 @@ void Gateway::HandleRoute(const RouteTable::Match& match, const std::shared_ptr<
   if (!caller.ok()) return Send(*exchange, AccessRefusal(caller.status(), request));
   exchange->context.caller = *std::move(caller);
   if (!request.body.empty() && !IsJson(request.header("Content-Type"))) return Send(*exchange, NotJson(request));
+  if (const std::string_view coding = request.header("Content-Encoding"); !coding.empty()) {
+    return Send(*exchange,
+                ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Encoding: a request is sent as it is, got ",
+                                                                   FormatReceived(coding))),
+                           415));
+  }
   if (match.route->method->open != nullptr) return Send(*exchange, OpenStream(match, *exchange));
   exchange->context.transport = "http";
   if (request.body.size() <= kReadAtOnce) return CallMethod(match, exchange);

@@ -1,5 +1,6 @@
 #include "server/rpc/server.h"
 
+#include <google/protobuf/stubs/logging.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
@@ -150,6 +151,13 @@ class AccessService final : public ApiService<v1::AccessService> {
   }
 };
 
+// gRPC unpacks a message before it measures it: 16 MiB could become 16 GiB.
+void RefuseCompressedRequests(grpc::ServerBuilder& builder) {
+  builder.AddChannelArgument(GRPC_ARG_ENABLE_PER_MESSAGE_DECOMPRESSION, 0);
+  builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
+  builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
+}
+
 class RpcServerImpl final : public RpcServer {
  public:
   RpcServerImpl(const std::string& address, Api& api, const TlsFiles& tls, const Limits& limits)
@@ -160,6 +168,7 @@ class RpcServerImpl final : public RpcServer {
         scenarios_(api, calls_),
         simulation_(api, calls_),
         access_(api, calls_) {
+    google::protobuf::SetLogHandler(nullptr);  // what a client sends wrong is answered, and does not fill the log
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.
@@ -173,6 +182,7 @@ class RpcServerImpl final : public RpcServer {
     builder.RegisterService(&simulation_);
     builder.RegisterService(&access_);
     builder.SetMaxReceiveMessageSize(limits.max_request_bytes);
+    RefuseCompressedRequests(builder);
     builder.SetResourceQuota(grpc::ResourceQuota("orbitune").Resize(static_cast<std::size_t>(limits.memory_bytes)));
     builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, limits.max_streams_per_connection);
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
