@@ -87,6 +87,8 @@ class Verifier {
       errors.AddNumber("last_iteration", absl::StrCat("in [", range_.first, ", ", newest, "], or 0 for the newest"),
                        range_.last);
     }
+    out_.first_iteration = range_.first;
+    out_.last_iteration = range_.last;
     return errors.ToStatus();
   }
 
@@ -122,7 +124,6 @@ class Verifier {
     }
     search_.emplace(job_.spec.scenario.search, job_.spec.objective, prepared_.size());
     out_.first_iteration = search_->needs_no_checkpoint() ? std::max(range_.first - 1, 1) : 1;
-    out_.last_iteration = range_.last;
     if (out_.first_iteration == 1) return absl::OkStatus();
     const auto before = stored_.At(out_.first_iteration);
     return before.ok() ? search_->Resume(*before, {}) : before.status();
