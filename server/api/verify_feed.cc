@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "core/base/check.h"
+#include "server/convert/orbit.h"
 #include "server/convert/provenance.h"
 
 namespace orbitune {

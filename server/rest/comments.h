@@ -15,29 +15,21 @@ class Comments {
  public:
   Comments();
 
-  // Of a message, field, enum, value, service or method; empty where it has none.
-  template <typename Descriptor>
-  std::string Of(const Descriptor* descriptor) const {
-    std::vector<int> path;
-    descriptor->GetLocationPath(&path);
-    return At(FileOf(descriptor)->name(), path);
-  }
-
+  // Empty where nothing is said.
+  std::string Of(const google::protobuf::Descriptor* message) const;
+  std::string Of(const google::protobuf::FieldDescriptor* field) const;
+  std::string Of(const google::protobuf::EnumDescriptor* type) const;
+  std::string Of(const google::protobuf::EnumValueDescriptor* value) const;
+  std::string Of(const google::protobuf::MethodDescriptor* method) const;
   // What the file begins with.
   std::string OfFile(const google::protobuf::FileDescriptor* file) const;
 
  private:
-  template <typename Descriptor>
-  static const google::protobuf::FileDescriptor* FileOf(const Descriptor* descriptor) {
-    return descriptor->file();
-  }
-  static const google::protobuf::FileDescriptor* FileOf(const google::protobuf::EnumValueDescriptor* value) {
-    return value->type()->file();
-  }
+  using Place = std::pair<std::string, std::vector<int>>;  // file, and path as in SourceCodeInfo
 
-  std::string At(const std::string& file, const std::vector<int>& path) const;
+  std::string At(const Place& place) const;
 
-  std::map<std::pair<std::string, std::vector<int>>, std::string> comments_;  // by file and place in it
+  std::map<Place, std::string> comments_;
 };
 
 }  // namespace orbitune::rest

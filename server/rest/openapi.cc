@@ -5,6 +5,7 @@
 #include <set>
 
 #include "absl/strings/str_cat.h"
+#include "orbitune/v1/audit.pb.h"
 #include "server/rest/comments.h"
 
 namespace orbitune::rest {
@@ -163,6 +164,7 @@ Json Operation(const Route& route, Schemas& schemas) {
   const google::protobuf::MethodDescriptor& method = *route.method->descriptor;
   Json operation = {{"operationId", absl::StrCat(method.service()->name(), "_", method.name())},
                     {"tags", {method.service()->name()}},
+                    {"x-orbitune-role", std::string(NameOf(route.method->access.role))},
                     {"parameters", Parameters(route, schemas)}};
   operation = Described(std::move(operation), schemas.comments().Of(&method));
   if (!route.body.empty()) {
@@ -179,6 +181,29 @@ Json Operation(const Route& route, Schemas& schemas) {
   error["description"] = "an error";
   operation["responses"] = {{"200", std::move(success)}, {"default", std::move(error)}};
   return operation;
+}
+
+// How a browser logs in and out: HTTP only, and so no method.
+Json SessionPath(Schemas& schemas) {
+  Json error = Content({"application/json"}, Reference("Error"));
+  error["description"] = "an error";
+  const auto operation = [&error](const char* id, const char* code, Json success) {
+    return Json{{"operationId", id},
+                {"tags", {"AccessService"}},
+                {"responses", {{code, std::move(success)}, {"default", error}}}};
+  };
+  Json caller = Content({"application/json"}, schemas.Of(v1::Caller::descriptor()));
+  caller["description"] = "who that is; the cookie comes with it";
+  Json log_in = operation("LogIn", "200", std::move(caller));
+  log_in["requestBody"] = Content({"application/json"}, schemas.Of(v1::CreateSessionRequest::descriptor()));
+  log_in["security"] = Json::array();
+  return {{"post", std::move(log_in)}, {"delete", operation("LogOut", "204", {{"description", "logged out"}})}};
+}
+
+// None where the server has no tokens.
+Json SecuritySchemes() {
+  return {{"token", {{"type", "http"}, {"scheme", "bearer"}}},
+          {"session", {{"type", "apiKey"}, {"in", "cookie"}, {"name", "orbitune_session"}}}};
 }
 
 std::string Lowercase(std::string text) {
@@ -211,6 +236,7 @@ std::string OpenApiJson(const RouteTable& routes) {
     tags[service->name()] = Described({{"name", service->name()}}, comments.OfFile(service->file()));
     paths[OpenApiPath(route.path)][Lowercase(route.http_method)] = Operation(route, schemas);
   }
+  paths["/v1/session"] = SessionPath(schemas);
   Json document = {{"openapi", "3.0.3"},
                    {"info",
                     {{"title", "Orbitune"},
@@ -219,8 +245,9 @@ std::string OpenApiJson(const RouteTable& routes) {
                       "Tunes the gains of an orbital tracking controller. Names carry units; 64-bit integers are "
                       "strings. Docs: docs/api.md; the same over gRPC."}}},
                    {"tags", Json::array()},
+                   {"security", {Json::object(), {{"token", Json::array()}}, {{"session", Json::array()}}}},
                    {"paths", std::move(paths)},
-                   {"components", {{"schemas", schemas.Take()}}}};
+                   {"components", {{"schemas", schemas.Take()}, {"securitySchemes", SecuritySchemes()}}}};
   for (auto& [name, tag] : tags) document["tags"].push_back(std::move(tag));
   return document.dump(2) + "\n";
 }
