@@ -43,8 +43,10 @@ v1::CreateJobRequest JobRequest(int spec, const std::string& request_id = "") {
   job.set_display_name("spec " + std::to_string(spec));
   v1::Hyperparameters& search = *job.mutable_hyperparameters();
   search.set_seed(static_cast<std::uint64_t>(7 + spec));
-  search.set_iterations(spec == 0 ? 1500 : 400);
-  search.set_directions(spec == 1 ? 24 : 8);
+  if (spec < 3) {
+    search.set_iterations(spec == 0 ? 1500 : 400);
+    search.set_directions(spec == 1 ? 24 : 8);
+  }
   if (spec == 3) search.set_algorithm(v1::ALGORITHM_CMA_ES);
   if (spec == 4) search.set_algorithm(v1::ALGORITHM_NELDER_MEAD);
   if (spec >= 3) search.set_max_episodes(spec == 3 ? 6000 : 1500);

@@ -26,6 +26,8 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
+constexpr int kLong = 3000;  // iterations: enough to be disturbed on their way
+
 class DiskProcessTest : public ::testing::Test {
  protected:
   std::unique_ptr<Server> Start(std::vector<std::string> more = {}) {
@@ -63,7 +65,8 @@ class DiskProcessTest : public ::testing::Test {
     grpc::GenericStub stub(client.channel());
     grpc::ClientContext context;
     grpc::CompletionQueue queue;
-    const grpc::ByteBuffer request;
+    const grpc::Slice nothing;
+    const grpc::ByteBuffer request(&nothing, 1);
     const auto call = stub.PrepareUnaryCall(&context, "/grpc.health.v1.Health/Check", request, &queue);
     call->StartCall();
     grpc::ByteBuffer response;
@@ -78,12 +81,12 @@ class DiskProcessTest : public ::testing::Test {
     return bytes.size() == 2 ? bytes.begin()[1] : 0;  // field 1, a varint
   }
 
-  // A job of some seconds whose disk fails on the way: it waits, all is told, and it ends as if nothing had been.
+  // A job whose disk fails on the way: it waits, all is told, and it ends as if nothing had been.
   void ExpectToOutlast(const std::function<void(Server&)>& harm, const std::function<void(Server&)>& heal,
                        const std::string& reason) {
     const auto server = Start();
     Client client(server->address());
-    v1::CreateJobRequest request = CreateRequest(6000);
+    v1::CreateJobRequest request = CreateRequest(kLong);
     request.mutable_job()->mutable_hyperparameters()->set_directions(16);
     v1::Job created;
     ASSERT_TRUE(client.Create(request, &created).ok());
@@ -103,7 +106,7 @@ class DiskProcessTest : public ::testing::Test {
     EXPECT_EQ(waiting.state(), v1::JOB_STATE_RUNNING);
     std::this_thread::sleep_for(std::chrono::milliseconds(300));
     EXPECT_EQ(client.Get(created.name()).completed_iterations(), waiting.completed_iterations());
-    EXPECT_LT(waiting.completed_iterations(), 6000);
+    EXPECT_LT(waiting.completed_iterations(), kLong);
 
     heal(*server);
     Await([&] { return Ready(*server).code == 200 && Health(client) == 1; });
@@ -132,7 +135,7 @@ void LimitFiles(Server& server, rlim_t bytes) {
 
 TEST_F(DiskProcessTest, AJobOutlastsADiskThatIsFullForAWhile) {
   ExpectToOutlast([](Server& server) { LimitFiles(server, 4096); },
-                  [](Server& server) { LimitFiles(server, RLIM_INFINITY); }, "disk I/O error");
+                  [](Server& server) { LimitFiles(server, RLIM_INFINITY); }, "disk");
 }
 
 TEST_F(DiskProcessTest, AJobOutlastsALockThatIsHeldForAWhile) {
