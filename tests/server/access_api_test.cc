@@ -286,7 +286,7 @@ TEST_F(AccessApiTest, WhoCreatesOwns) {
 }
 
 TEST_F(AccessApiTest, HealthReflectionAndFilesAreOpen) {
-  for (const std::string& path : {"/healthz", "/readyz", "/openapi.json"}) EXPECT_EQ(Http("GET", path).code, 200);
+  for (const char* const path : {"/healthz", "/readyz", "/openapi.json"}) EXPECT_EQ(Http("GET", path).code, 200);
   EXPECT_NE(Http("GET", "/").code, 401);
   EXPECT_NE(Http("GET", "/v1/nosuch").code, 200);
 }
@@ -321,7 +321,7 @@ TEST_F(AccessApiTest, ABrowserLogsInAndOut) {
 TEST_F(AccessApiTest, AnotherPageCannotUseTheCookie) {
   const std::string cookie = LogIn(ana_);
   const std::string job = CreateJobAs("ana");
-  for (const std::string& origin : {"", "Origin: https://example.org\r\n", "Origin: null\r\n"}) {
+  for (const std::string origin : {"", "Origin: https://example.org\r\n", "Origin: null\r\n"}) {
     EXPECT_EQ(Http("POST", "/v1/" + job + ":cancel", cookie + origin, "{}").code, 403) << origin;
     EXPECT_EQ(Http("DELETE", "/v1/session", cookie + origin).code, 403) << origin;
   }
@@ -356,7 +356,7 @@ TEST_F(AccessApiTest, WhoGuessesIsToldToWait) {
   EXPECT_EQ(reply.headers.count("retry-after"), 1u);
   EXPECT_THAT(reply.body, HasSubstr("TOO_MANY_FAILURES"));
   const grpc::Status status = Rpc(*api_->methods().Find("orbitune.v1.TuningService.ListJobs"), "orb_guess");
-  if (status.error_code() == StatusCode::RESOURCE_EXHAUSTED) EXPECT_TRUE(DetailsOf(status).retry);
+  EXPECT_EQ(DetailsOf(status).retry, status.error_code() == StatusCode::RESOURCE_EXHAUSTED);
   EXPECT_EQ(Http("GET", "/v1/jobs", Bearer(viewer_)).code, 200);
 }
 
