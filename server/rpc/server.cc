@@ -149,13 +149,20 @@ class AccessService final : public ApiService<v1::AccessService> {
 class RpcServerImpl final : public RpcServer {
  public:
   RpcServerImpl(const std::string& address, Api& api, const TlsFiles& tls)
-      : api_(api), tuning_(api), campaigns_(api), gains_(api), scenarios_(api), simulation_(api), access_(api) {
+      : api_(api),
+        tuning_(api),
+        campaigns_(api),
+        gains_(api),
+        scenarios_(api),
+        simulation_(api),
+        access_(api),
+        credentials_(ServerCredentialsOf(tls)) {
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.
     grpc::health::v1::HealthCheckRequest::descriptor();
     grpc::ServerBuilder builder;
-    builder.AddListeningPort(address, ServerCredentialsOf(tls), &port_);
+    builder.AddListeningPort(address, credentials_, &port_);
     builder.RegisterService(&tuning_);
     builder.RegisterService(&campaigns_);
     builder.RegisterService(&gains_);
@@ -199,6 +206,7 @@ class RpcServerImpl final : public RpcServer {
   Scenarios scenarios_;
   Simulation simulation_;
   AccessService access_;
+  const std::shared_ptr<grpc::ServerCredentials> credentials_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
   std::string address_;
