@@ -167,14 +167,15 @@ class RpcServerImpl final : public RpcServer {
         gains_(api, calls_),
         scenarios_(api, calls_),
         simulation_(api, calls_),
-        access_(api, calls_) {
+        access_(api, calls_),
+        credentials_(ServerCredentialsOf(tls)) {
     google::protobuf::SetLogHandler(nullptr);  // what a client sends wrong is answered, and does not fill the log
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.
     grpc::health::v1::HealthCheckRequest::descriptor();
     grpc::ServerBuilder builder;
-    builder.AddListeningPort(address, ServerCredentialsOf(tls), &port_);
+    builder.AddListeningPort(address, credentials_, &port_);
     builder.RegisterService(&tuning_);
     builder.RegisterService(&campaigns_);
     builder.RegisterService(&gains_);
@@ -224,6 +225,7 @@ class RpcServerImpl final : public RpcServer {
   Scenarios scenarios_;
   Simulation simulation_;
   AccessService access_;
+  const std::shared_ptr<grpc::ServerCredentials> credentials_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
   std::string address_;
