@@ -1,6 +1,7 @@
 #include "storage/sqlite_backup.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -34,6 +35,12 @@ absl::Status SyncToDisk(const std::string& path) {
   const int error = errno;
   close(fd);
   return result == 0 ? absl::OkStatus() : absl::UnavailableError(absl::StrCat(path, ": ", std::strerror(error)));
+}
+
+// Root's files would be of no use to the server, which runs as whom its data belong to.
+void GiveToOwnerOf(const std::string& directory, const std::string& path) {
+  struct stat owner {};
+  if (geteuid() == 0 && stat(directory.c_str(), &owner) == 0) (void)!chown(path.c_str(), owner.st_uid, owner.st_gid);
 }
 
 absl::Status Rename(const std::string& from, const std::string& to) {
@@ -160,6 +167,9 @@ absl::StatusOr<Restored> RestoreDatabase(const std::string& backup, const std::s
   const std::string incoming = database + ".restoring";
   auto summary = CopyDurably(backup, incoming);
   if (!summary.ok()) return summary.status();
+  for (const std::string& path : {incoming, LockPathOf(database)}) {
+    GiveToOwnerOf(DirectoryOf(database).string(), path);
+  }
   Restored restored{.summary = *summary, .kept = {}};
   if (fs::exists(database, error)) {
     restored.kept = NameBeside(database, "replaced");

@@ -3,6 +3,8 @@
 #include <chrono>
 #include <filesystem>
 #include <future>
+#include <limits>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "storage/sqlite_backup.h"

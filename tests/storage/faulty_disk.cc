@@ -74,8 +74,9 @@ int ResultOf(Fault fault, Call call) {
       return call == Call::kSync ? IoError(call) : SQLITE_OK;
     case Fault::kReadOnly:
       return call == Call::kLock || call == Call::kSync ? SQLITE_OK
-             : call == Call::kCreate                    ? SQLITE_CANTOPEN
-                                                        : SQLITE_READONLY;
+             : call == Call::kWrite                     ? SQLITE_READONLY
+             : call == Call::kShare                     ? SQLITE_CANTOPEN
+                                                        : IoError(call);
     case Fault::kLocked:
       return call == Call::kLock ? SQLITE_BUSY : SQLITE_OK;
     case Fault::kNone:
@@ -137,6 +138,7 @@ int ShmLock(sqlite3_file* file, int offset, int n, int flags) {
 
 int ShmMap(sqlite3_file* file, int region, int size, int extend, void volatile** memory) {
   const int result = extend ? Try(Call::kShare) : SQLITE_OK;
+  *memory = nullptr;
   return result == SQLITE_OK ? Real(file).xShmMap(file, region, size, extend, memory) : result;
 }
 
