@@ -117,6 +117,7 @@ HttpOptions HttpOptionsOf(const ServerConfig& config, std::function<std::string(
   options.max_connections = config.http_max_connections;
   options.max_header_bytes = static_cast<std::size_t>(config.http_max_header_bytes);
   options.max_body_bytes = static_cast<std::size_t>(config.http_max_body_bytes);
+  options.max_bodies_bytes = static_cast<std::size_t>(config.http_max_bodies_bytes);
   options.header_time = Milliseconds(config.http_header_time_s);
   options.body_time = Milliseconds(config.http_body_time_s);
   options.idle_time = Milliseconds(config.http_idle_time_s);

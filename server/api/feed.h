@@ -115,7 +115,7 @@ class Feeds {
     int max_watchers_per_client = 2048;
   };
 
-  explicit Feeds(Limits limits = {}) : limits_(limits) {}
+  explicit Feeds(const Limits& limits) : limits_(limits) {}
 
   // Once drained, ends it at once.
   void Add(const std::shared_ptr<Feed>& feed);

@@ -133,6 +133,8 @@ void AddHttpOptions(CLI::App& app, ServerConfig& config) {
       ->envname("ORBITUNE_HTTP_MAX_BODY_BYTES")
       ->check(CLI::Range(1024, 64 << 20))
       ->capture_default_str();
+  AddNumber(app, "http-max-bodies-bytes", config.http_max_bodies_bytes, 1024, 1 << 30,
+            "Bodies of all HTTP requests that are being received");
   const auto add_time = [&](const char* name, double& value_s, const char* environment, const char* description) {
     app.add_option(name, value_s, description)
         ->envname(environment)

@@ -17,6 +17,7 @@ struct ServerConfig {
   int http_max_connections = 1024;
   int http_max_header_bytes = 16 << 10;
   int http_max_body_bytes = 16 << 20;
+  int http_max_bodies_bytes = 64 << 20;
   double http_header_time_s = 10;
   double http_body_time_s = 60;
   double http_idle_time_s = 60;

@@ -440,13 +440,8 @@ void Scheduler::Add(const JobRecord& created) {
 
 JobCounts Scheduler::counts() {
   const std::lock_guard lock(mutex_);
-  JobCounts counts;
-  for (const auto& [id, entry] : entries_) {
-    if (entry->record.state == JobState::kQueued) ++counts.queued;
-    if (entry->record.state == JobState::kRunning) ++counts.running;
-    if (entry->record.state == JobState::kPaused) ++counts.paused;
-  }
-  return counts;
+  const auto in = [this](JobState state) { return by_state_[static_cast<std::size_t>(state)]; };
+  return {.queued = in(JobState::kQueued), .running = in(JobState::kRunning), .paused = in(JobState::kPaused)};
 }
 
 // mutex_ held.
@@ -464,6 +459,7 @@ Scheduler::EntryPtr Scheduler::AddEntry(JobRecord record) {
   Count(*client, 1, record.spec.campaign_id.empty() ? 1 : 0, FootprintOf(record.spec));
   auto entry = std::make_shared<Entry>(std::move(record), client);
   entries_.emplace(entry->record.id, entry);
+  ++by_state_[static_cast<std::size_t>(entry->record.state)];
   return entry;
 }
 
@@ -471,6 +467,7 @@ Scheduler::EntryPtr Scheduler::AddEntry(JobRecord record) {
 void Scheduler::Forget(EntryPtr entry) {
   const JobSpec& spec = entry->record.spec;
   entries_.erase(entry->record.id);
+  --by_state_[static_cast<std::size_t>(entry->record.state)];
   Count(*entry->client, -1, spec.campaign_id.empty() ? -1 : 0, -FootprintOf(spec));
   if (entry->client->jobs == 0) clients_.erase(ClientOf(spec));
 }
@@ -754,6 +751,8 @@ void Scheduler::Refused(const EntryPtr& entry, const absl::Status& status) {
 void Scheduler::ChangeState(Entry& entry, StateChange change, Done done) {
   JobRecord& job = entry.record;
   change.time_us = NowUs();
+  --by_state_[static_cast<std::size_t>(job.state)];
+  ++by_state_[static_cast<std::size_t>(change.state)];
   job.state = change.state;
   job.update_time_us = change.time_us;
   if (job.state == JobState::kRunning && job.start_time_us == 0) job.start_time_us = change.time_us;

@@ -12,6 +12,7 @@
 // A client is a job's owner, or where it has none the address that it came from.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <condition_variable>
 #include <map>
@@ -159,6 +160,7 @@ class Scheduler {
   std::map<std::string, ClientPtr> clients_;  // those that have jobs, or room for some
   int queued_ = 0;                            // jobs, and room for them
   int running_ = 0;                           // of all clients
+  std::array<int, 6> by_state_{};             // entries
   std::int64_t job_bytes_ = 0;                // of all entries' specs, and of room for them
   std::uint64_t next_order_ = 0;              // of waiting
   std::uint64_t begun_ = 0;                   // jobs so far

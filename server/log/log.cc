@@ -1,5 +1,8 @@
 #include "server/log/log.h"
 
+#include <poll.h>
+#include <unistd.h>
+
 #include <array>
 #include <charconv>
 #include <chrono>
@@ -7,6 +10,7 @@
 #include <cstdio>
 #include <ctime>
 #include <mutex>
+#include <utility>
 
 namespace orbitune {
 namespace {
@@ -15,7 +19,9 @@ constexpr std::array<std::string_view, 4> kLevels = {"debug", "info", "warning",
 
 struct Logger {
   std::mutex mutex;
-  LogOptions options;  // guarded by mutex
+  // Guarded by mutex.
+  LogOptions options;
+  int lost = 0;  // lines since the last one that was written
 };
 
 Logger& TheLogger() {
@@ -57,6 +63,31 @@ std::string Quoted(std::string_view text) {
   return quoted + '"';
 }
 
+// Whole UTF-8 characters of it, so that a line fits into a pipe at once.
+std::string Shortened(const std::string& text) {
+  constexpr std::size_t kLongest = 1000;
+  if (text.size() <= kLongest) return text;
+  std::size_t end = kLongest;
+  while (end > 0 && (static_cast<unsigned char>(text[end]) & 0xc0) == 0x80) --end;
+  return text.substr(0, end) + "...";
+}
+
+// Who logs must not wait for whoever reads: what a pipe has no room for is lost, and counted.
+void WriteLine(Logger& logger, std::int64_t time_us, const std::string& line) {
+  pollfd standard_error{.fd = STDERR_FILENO, .events = POLLOUT, .revents = 0};
+  if (poll(&standard_error, 1, 0) != 1) {
+    ++logger.lost;
+    return;
+  }
+  if (logger.lost > 0) {
+    const std::string lost = FormatLogLine(logger.options.json, time_us, LogLevel::kWarning,
+                                           "lines of the log were lost here", {{"lines", logger.lost}});
+    std::fprintf(stderr, "%s\n", lost.c_str());
+    logger.lost = 0;
+  }
+  std::fprintf(stderr, "%s\n", line.c_str());
+}
+
 bool IsPlain(std::string_view text) {
   for (const char c : text) {
     if (c <= ' ' || c == '"' || c == '\\' || c == '=' || c == 0x7f) return false;
@@ -86,11 +117,12 @@ std::string FormatLogLine(bool json, std::int64_t time_us, LogLevel level, std::
                           : TimeText(time_us) + " " + std::string(NameOf(level)) + " " + std::string(message);
   for (const LogField& field : fields) {
     if (field.value.empty()) continue;
-    const bool quote = json ? !field.is_number : !IsPlain(field.value);
+    const std::string value = Shortened(field.value);
+    const bool quote = json ? !field.is_number : !IsPlain(value);
     line += json ? ",\"" : " ";
     line += field.key;
     line += json ? "\":" : "=";
-    line += quote ? Quoted(field.value) : field.value;
+    line += quote ? Quoted(value) : value;
   }
   return json ? line + '}' : line;
 }
@@ -112,10 +144,10 @@ void Log(LogLevel level, std::string_view message, std::initializer_list<LogFiel
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   const std::lock_guard lock(logger.mutex);
   if (level < logger.options.level) return;
-  const std::string line = FormatLogLine(
-      logger.options.json, std::chrono::duration_cast<std::chrono::microseconds>(now).count(), level, message, fields);
+  const std::int64_t time_us = std::chrono::duration_cast<std::chrono::microseconds>(now).count();
+  const std::string line = FormatLogLine(logger.options.json, time_us, level, message, fields);
   if (logger.options.sink) return logger.options.sink(line);
-  std::fprintf(stderr, "%s\n", line.c_str());
+  WriteLine(logger, time_us, line);
 }
 
 }  // namespace orbitune

@@ -34,7 +34,7 @@ struct LogField {
 struct LogOptions {
   LogLevel level = LogLevel::kInfo;  // what is less serious is left out
   bool json = false;                 // else key=value
-  // Gets each line without its end, one at a time; unset: standard error.
+  // Gets each line without its end, one at a time; unset: standard error, for which nobody waits.
   std::function<void(const std::string&)> sink;
 };
 
@@ -43,7 +43,7 @@ void SetUpLog(LogOptions options);
 
 bool IsLogged(LogLevel level);
 
-// Thread-safe. Fields with an empty value are left out.
+// Thread-safe. Fields with an empty value are left out, long ones cut short.
 void Log(LogLevel level, std::string_view message, std::initializer_list<LogField> fields = {});
 
 // The line itself. time_us: since the Unix epoch.

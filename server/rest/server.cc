@@ -414,7 +414,10 @@ class Connection : public std::enable_shared_from_this<Connection> {
                                                       limits.body_time.count(), " ms")),
              408);
     } else if (error == net::error::no_buffer_space) {
-      answer(absl::UnavailableError("too many large requests at once"), 503);
+      answer(LimitExceeded("bytes of all bodies being received",
+                           {"http-max-bodies-bytes", static_cast<std::int64_t>(limits.max_bodies_bytes)},
+                           "try again when some have been"),
+             429);
     } else if (error.category() == http::make_error_code(http::error::bad_method).category() &&
                error != http::error::end_of_stream && error != http::error::partial_message) {
       answer(absl::InvalidArgumentError(absl::StrCat("not HTTP: ", error.message())), 400);
