@@ -48,7 +48,7 @@ void Configuration(std::string_view input) {
   bool given = false;
   {
     const Silence silence;
-    given = ParseServerConfig(3, arguments.data(), exit_code).has_value();
+    given = ParseServerConfig(3, arguments.data(), "", exit_code).has_value();
   }
   unlink(path.c_str());
   Expect(given || exit_code == 2 || exit_code == 0, "a configuration, or a refusal");

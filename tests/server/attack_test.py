@@ -393,6 +393,24 @@ def replays(server, api, canary):
         assert code == grpc.StatusCode.ABORTED, code
 
 
+def credentials(server, api, canary):
+    """Tokens, cookies and request ids that are none; a log-in with anything but a token."""
+    values = ["Bearer", "Bearer " + "x" * 5000, "Bearer orb_" + "a" * 8 + "_" + "a" * 52, "Basic dXNlcjpwYXNz", "'; DROP TABLE tokens; --",
+              "=; =; orbitune_session", "orbitune_session=" + "a" * 5000, ";" * 1000, "orbitune_session=../../x; __Host-orbitune_session=y"]
+    for value in values:
+        for name in ("Authorization", "Cookie", "X-Request-Id"):
+            code, _, body = http_request(server, "GET", "/v1/jobs?page_size=1", headers={name: value})
+            assert code in (200, 401, 429), (name, value[:50], code)
+            assert value[:30].encode() not in body, "a credential is told back"
+            code, _, _ = api.call(f"{TUNING}.ListJobs", {"page_size": 1}, metadata=[(name.lower(), value)])
+            assert code in CLEAN, (name, value[:50], code)
+    for body in (b"", b"{}", b"[]", b'{"token":1}', b'{"token":{}}', b'{"token":"' + b"x" * 100_000 + b'"}', b'{"token":"a\\u0000b"}',
+                 b'{"token":"\xff"}', b'{"token":"' + b"\\u0027; DROP TABLE tokens; --" + b'"}', b"{" * 10_000):
+        code, headers, _ = http_request(server, "POST", "/v1/session", body, {"Content-Type": "application/json"})
+        # 200: where there are no tokens, everybody is somebody without one.
+        assert (code == 200 or 400 <= code < 500) and "set-cookie" not in headers, (body[:50], code, headers)
+
+
 def broken_http2(server, api, canary):
     """Frames that HTTP/2 does not have, or not there; streams opened and reset by the thousand."""
     preface = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
@@ -447,7 +465,8 @@ def slow_clients(server, api, canary):
 
 
 ATTACKS = [strings, malformed_messages, oversized, decompression_bombs, deep_json, invalid_text, traversal,
-           header_injection, replays, broken_http2, slow_clients]
+           header_injection, replays, credentials,
+           broken_http2, slow_clients]
 
 
 def memory_factor(server):
