@@ -136,6 +136,7 @@ function resultRows(rho: number): Row[] {
 function Report({ job }: { job: Job }) {
   const report = job.report!;
   const rho = job.scenario_definition?.fuel_weight ?? NaN;
+  const units = job.scenario_definition ? gainUnits(job.scenario_definition) : null;
   const columns: [string, GainsAssessment][] = [
     [`First, i = 1`, report.initial],
     [`Last, i = ${count(report.final.iteration)}`, report.final],
@@ -168,7 +169,7 @@ function Report({ job }: { job: Job }) {
             </tr>
             {gainKeys.map((key, i) => (
               <tr key={key}>
-                <th scope="row">{gainName(i)}</th>
+                <th scope="row">{gainName(i)}{units && <small>{`, × ${brief(i === 0 ? units.velocity_m_s : 1000 * units.acceleration_m_s2, 6)} ${i === 0 ? "m/s" : "mm/s²"}`}</small>}</th>
                 {columns.map(([column, of]) => <td class="number" key={column}>{significant(of.gains[key], 6)}</td>)}
                 <td />
               </tr>
