@@ -330,12 +330,12 @@ TEST_F(VerifyTest, AJobWhoseIterationsWereRemovedIsHeldAgainstItsDigest) {
     const auto stretch = VerifyJob(engine.store(), id, {.first = 3}, [](const VerifyProgress&) { return true; });
     EXPECT_EQ(ReasonOf(stretch.status()), "ITERATIONS_REMOVED");
   }
-  Alter("UPDATE iterations SET cost = cost + 1 WHERE iteration = 12");
+  Alter("UPDATE iterations SET cost = cost * 2 WHERE iteration = 12");
   const Verification last = VerifyAgain(id);
   EXPECT_EQ(last.verdict, Verdict::kDifferent);
   EXPECT_EQ(last.first_difference->iteration, 12);
   EXPECT_EQ(last.digest, digest_);
-  Alter("UPDATE iterations SET cost = cost - 1 WHERE iteration = 12");
+  Alter("UPDATE iterations SET cost = cost / 2 WHERE iteration = 12");
   Alter(absl::StrCat("UPDATE jobs SET digest = '", std::string(64, 'a'), "'"));
   const Verification digest = VerifyAgain(id);
   EXPECT_EQ(digest.verdict, Verdict::kDifferent);
