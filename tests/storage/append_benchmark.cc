@@ -48,7 +48,7 @@ void RunDigests(int count) {
   for (int i = 1; i <= count; ++i) sum += RecordOf(i).gains[0];
   const double without = Seconds(again);
   std::printf("%-14s %8d iterations: %.3f us each (%s...; %g)\n", "digest", count, 1e6 * (with - without) / count,
-              ToHex(digest).substr(0, 8).c_str(), sum);
+              orbitune::ToHex(digest).substr(0, 8).c_str(), sum);
 }
 
 }  // namespace
