@@ -176,7 +176,7 @@ Chunk ToChunk(Feed::Batch batch, bool sse) {
     if (sse) {
       chunk.text.push_back(net::buffer(part.run->Events(part.begin, part.end)));
     } else {
-      for (std::size_t i = part.begin; i < part.end; ++i) absl::StrAppend(&lines, ToAbsl(part.run->Line(i)));
+      for (std::size_t i = part.begin; i < part.end; ++i) absl::StrAppend(&lines, ToAbsl(part.run->Line(i)), "\n");
     }
   }
   chunk.full = count == kBatch;
