@@ -62,14 +62,15 @@ class WatchedTls final : public grpc::ServerCredentials {
     if (loaded_ && !watch_.Changed()) return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_UNCHANGED;
     const std::string certificate = Contents(files_.certificate);
     const std::string key = Contents(files_.key);
-    const std::string client_ca = files_.client_ca.empty() ? "" : Contents(files_.client_ca);
+    // gRPC wants authorities even where it asks clients for nothing.
+    const std::string client_ca = files_.client_ca.empty() ? certificate : Contents(files_.client_ca);
     if (absl::Status status = TlsContext::Load(files_).status(); !status.ok()) {
       std::fprintf(stderr, "orbituned: grpc: the certificates stay as they were: %s\n",
                    std::string(status.message()).c_str());
       return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_UNCHANGED;
     }
     const grpc_ssl_pem_key_cert_pair pair{key.c_str(), certificate.c_str()};
-    *config = grpc_ssl_server_certificate_config_create(client_ca.empty() ? nullptr : client_ca.c_str(), &pair, 1);
+    *config = grpc_ssl_server_certificate_config_create(client_ca.c_str(), &pair, 1);
     loaded_ = true;
     return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_NEW;
   }
