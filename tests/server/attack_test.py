@@ -32,7 +32,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, json_format, messag
 from google.protobuf.descriptor import FieldDescriptor
 
 GOOGLEAPIS = "/usr/share/gocode/src/github.com/grpc-ecosystem/grpc-gateway/third_party/googleapis"
-PATIENCE_S = 60
+PATIENCE_S = 300
 MIB = 1 << 20
 # The server's own refusals. Not among them: INTERNAL, UNKNOWN, DATA_LOSS, UNAVAILABLE, DEADLINE_EXCEEDED.
 CLEAN = {grpc.StatusCode[name] for name in (
@@ -121,7 +121,7 @@ class Api:
         make = self.channel.unary_stream if method in self.streaming else self.channel.unary_unary
         call = make(f"/{service}/{name}", lambda data: data, self.factory.GetPrototype(self.methods[method].output_type).FromString)
         try:
-            answer = call(data, timeout=PATIENCE_S, **options)
+            answer = call(data, timeout=PATIENCE_S, wait_for_ready=True, **options)
             if method in self.streaming:
                 stream, answer = answer, next(answer, None)
                 stream.cancel()
