@@ -78,7 +78,7 @@ class Scheduler {
   // Takes up every unfinished job of the store and starts the workers. Errors: the store's.
   absl::Status Start();
 
-  // Lets the episodes in flight end and starts no more; what was finished is queued at the store. Jobs stay as they
+  // Breaks off the episodes in flight and starts no more; what was finished is queued at the store. Jobs stay as they
   // are, to be taken up by the next Start of a process.
   void Stop();
 
