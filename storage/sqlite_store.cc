@@ -107,13 +107,13 @@ void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::strin
     return;
   }
   Provenance provenance = NewProvenance(spec);
-  auto job = std::make_shared<const NewJob>(NewJob{.id = std::move(id),
-                                                   .spec = std::move(spec),
-                                                   .spec_json = *std::move(spec_json),
-                                                   .provenance = std::move(provenance),
-                                                   .time_us = now,
-                                                   .request_id = std::move(request_id),
-                                                   .request_digest = std::move(request_digest)});
+  auto job = std::make_shared<const JobToStore>(JobToStore{.id = std::move(id),
+                                                           .spec = std::move(spec),
+                                                           .spec_json = *std::move(spec_json),
+                                                           .provenance = std::move(provenance),
+                                                           .time_us = now,
+                                                           .request_id = std::move(request_id),
+                                                           .request_digest = std::move(request_digest)});
   auto created = std::make_shared<JobRecord>();
   const auto apply = [job, created](JobTables& tables) {
     absl::StatusOr<JobRecord> record = tables.CreateJob(*job);

@@ -32,7 +32,7 @@ std::string_view StreamRun::Events(std::size_t begin, std::size_t end) const {
 
 std::string_view StreamRun::Line(std::size_t item) const {
   std::call_once(once_, [this] { Write(); });
-  return std::string_view(text_).substr(places_[item].json, places_[item].end - 1 - places_[item].json);
+  return std::string_view(text_).substr(places_[item].json, places_[item].end - 2 - places_[item].json);
 }
 
 void StreamRun::Write() const {

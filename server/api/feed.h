@@ -41,7 +41,7 @@ class StreamRun {
 
   // Of items [begin, end), as text/event-stream has them.
   std::string_view Events(std::size_t begin, std::size_t end) const;
-  // The JSON of one, as a line.
+  // The JSON of one, a line without its end.
   std::string_view Line(std::size_t item) const;
 
  private:

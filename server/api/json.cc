@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <iterator>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
@@ -28,9 +30,7 @@ class QuickJson {
     if (message.GetDescriptor()->file()->package() == "google.protobuf") return false;
     const Reflection& reflection = *message.GetReflection();
     char separator = '{';
-    for (int i = 0; i < message.GetDescriptor()->field_count(); ++i) {
-      const FieldDescriptor* field = message.GetDescriptor()->field(i);
-      if (field->has_presence() && !reflection.HasField(message, field)) continue;
+    for (const FieldDescriptor* field : Fields(message, reflection)) {
       out_ += separator;
       separator = ',';
       out_ += '"';
@@ -46,6 +46,21 @@ class QuickJson {
   }
 
  private:
+  // As declared; then those that may be unset and are not, by their numbers.
+  static std::vector<const FieldDescriptor*> Fields(const Message& message, const Reflection& reflection) {
+    std::vector<const FieldDescriptor*> fields;
+    for (int i = 0; i < message.GetDescriptor()->field_count(); ++i) {
+      const FieldDescriptor* field = message.GetDescriptor()->field(i);
+      const bool unset = field->has_presence() && !reflection.HasField(message, field);
+      if (field->containing_oneof() == nullptr && !unset) fields.push_back(field);
+    }
+    std::vector<const FieldDescriptor*> set;
+    reflection.ListFields(message, &set);
+    std::ranges::copy_if(set, std::back_inserter(fields),
+                         [](auto* field) { return field->containing_oneof() != nullptr; });
+    return fields;
+  }
+
   bool AppendAll(const Message& message, const Reflection& reflection, const FieldDescriptor* field) {
     if (field->is_map() || field->cpp_type() != FieldDescriptor::CPPTYPE_MESSAGE) {
       if (field->is_map() || reflection.FieldSize(message, field) > 0) return false;

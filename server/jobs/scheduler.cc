@@ -650,8 +650,8 @@ void Scheduler::FinishBatch(const Chunk& last, Lock& lock) {
     lock.unlock();
     BatchOutcome outcome = run.FinishSearchBatch();
     lock.lock();
-    // Else paused or cancelled meanwhile.
-    if (entry.run == last.run) FinishIterations(entry, run, std::move(outcome));
+    // Else paused or cancelled meanwhile, or the scheduler stops: what it flew for a message may have been broken off.
+    if (entry.run == last.run && !run.unwanted) FinishIterations(entry, run, std::move(outcome));
   } else if (entry.run == last.run) {
     FinishReport(entry, run);
   }

@@ -63,9 +63,9 @@ void AddJobs(Scheduler& scheduler, MetricsRegistry& registry) {
   });
   registry.AddCounter("orbitune_jobs_ended_total", "Jobs that have ended, by the state they ended in.", [&jobs] {
     std::vector<MetricValue> rows;
-    for (const auto& [state, name] : {std::pair(JobState::kSucceeded, "succeeded"),
-                                      {JobState::kFailed, "failed"},
-                                      {JobState::kCancelled, "cancelled"}}) {
+    for (const auto& [state, name] :
+         {std::pair(JobState::kSucceeded, "succeeded"), std::pair(JobState::kFailed, "failed"),
+          std::pair(JobState::kCancelled, "cancelled")}) {
       rows.push_back({{{"state", name}}, Value(jobs.ended[static_cast<std::size_t>(state)])});
     }
     return rows;
@@ -121,12 +121,9 @@ void AddApi(Api& api, MetricsRegistry& registry) {
       });
   registry.AddGauge("orbitune_calls_waiting", "Calls that wait for a thread, by what they keep busy.", [&api] {
     std::vector<MetricValue> rows;
-    for (const auto& [work, name] : {std::pair(Work::kRead, "read"),
-                                     {Work::kWrite, "write"},
-                                     {Work::kQuery, "query"},
-                                     {Work::kEpisode, "episode"},
-                                     {Work::kStream, "stream"},
-                                     {Work::kVerify, "verify"}}) {
+    for (const auto& [work, name] : {std::pair(Work::kRead, "read"), std::pair(Work::kWrite, "write"),
+                                     std::pair(Work::kQuery, "query"), std::pair(Work::kEpisode, "episode"),
+                                     std::pair(Work::kStream, "stream"), std::pair(Work::kVerify, "verify")}) {
       rows.push_back({{{"work", name}}, static_cast<double>(api.executors().For(work).waiting())});
     }
     return rows;

@@ -2,10 +2,8 @@
 // called from elsewhere: it leaves its result in a Slot.
 #include "server/rest/server.h"
 
-#include <fcntl.h>
 #include <sys/socket.h>
 #include <sys/uio.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -22,6 +20,7 @@
 #include <boost/beast/http.hpp>
 #include <ctime>
 #include <exception>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <thread>
@@ -193,12 +192,12 @@ Chunk ToChunk(Feed::Batch batch, bool sse) {
 // request waits, they step back behind the tuning. What is left is the I/O thread's; one of the two writes at a time.
 class Outlet {
  public:
-  // A descriptor of its own, so that it is this watcher's whenever the connection is closed.
-  explicit Outlet(int socket) : socket_(fcntl(socket, F_DUPFD_CLOEXEC, 0)) {}
-  Outlet(const Outlet&) = delete;
-  Outlet& operator=(const Outlet&) = delete;
-  ~Outlet() {
-    if (socket_ >= 0) close(socket_);
+  explicit Outlet(int socket) : socket_(socket) {}
+
+  // To be called before the socket is closed: then no more is sent.
+  void Detach() {
+    const std::lock_guard lock(mutex_);
+    socket_ = -1;
   }
 
   // False if the other side has it.
@@ -206,7 +205,9 @@ class Outlet {
   void GiveBack() { taken_ = false; }
 
   // Sends what goes without waiting and removes it from `text`.
-  void Send(std::vector<net::const_buffer>& text) const {
+  void Send(std::vector<net::const_buffer>& text) {
+    const std::lock_guard lock(mutex_);
+    if (socket_ < 0) return;
     std::vector<iovec> pieces;
     for (const net::const_buffer& piece : text) pieces.push_back({const_cast<void*>(piece.data()), piece.size()});
     msghdr message{};
@@ -223,8 +224,9 @@ class Outlet {
  private:
   static constexpr std::size_t kMostPieces = 1024;  // of a call; what is beyond is left
 
-  const int socket_;
   std::atomic<bool> taken_ = false;
+  std::mutex mutex_;
+  int socket_;  // guarded by mutex_; -1: detached
 };
 
 std::string HttpDate() {
@@ -256,6 +258,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     core_.connections.insert(this);
   }
   ~Connection() {
+    if (outlet_ != nullptr) outlet_->Detach();
     core_.body_bytes -= body_bytes_;
     core_.connections.erase(this);
     if (core_.draining && core_.connections.empty()) core_.grace.cancel();
@@ -270,6 +273,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   // Whether no request is under way; then a drain may close it.
   bool idle() const { return idle_; }
   void CloseNow() {
+    if (outlet_ != nullptr) outlet_->Detach();
     error_code ignored;
     stream_.socket().close(ignored);
   }
@@ -282,8 +286,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     bool sse;
     bool chunked;
     std::shared_ptr<Slot<Chunk>> slot;
-    std::string peer;                // HOST:PORT
-    std::shared_ptr<Outlet> outlet;  // once it has begun, and in the clear
+    std::string peer;  // HOST:PORT
     bool begun = false;
   };
 
@@ -498,14 +501,14 @@ class Connection : public std::enable_shared_from_this<Connection> {
     const auto self = shared_from_this();
     net::co_spawn(core_.io, NoticeEnd(self, stream.feed), Report(core_));
     stream.begun = true;
-    if (!stream_.secure()) stream.outlet = std::make_shared<Outlet>(stream_.socket().native_handle());
+    if (!stream_.secure()) outlet_ = std::make_shared<Outlet>(stream_.socket().native_handle());
     co_await Pump(stream, std::move(first), target);
     --core_.streams;
   }
 
   // The feed may read the store and makes JSON: on a thread for that.
-  static Core::Ask AskOf(const Stream& stream) {
-    return [feed = stream.feed, slot = stream.slot, outlet = stream.outlet, sse = stream.sse,
+  Core::Ask AskOf(const Stream& stream) const {
+    return [feed = stream.feed, slot = stream.slot, outlet = outlet_, sse = stream.sse,
             framed = stream.begun && stream.chunked](const std::shared_ptr<Core>& core) {
       feed->Next(kBatch, [core, slot, outlet, sse, framed](Feed::Batch batch) {
         Chunk chunk = ToChunk(std::move(batch), sse);
@@ -535,7 +538,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     while (true) {
       const bool alive = co_await WriteText(stream, chunk.text, target);
       if (!alive) co_return;
-      if (stream.outlet != nullptr) stream.outlet->GiveBack();
+      if (outlet_ != nullptr) outlet_->GiveBack();
       if (chunk.end) break;
       if (chunk.full) {
         core_.PostAsks({AskOf(stream)});
@@ -550,26 +553,35 @@ class Connection : public std::enable_shared_from_this<Connection> {
       }
       chunk = stream.slot->Take();
     }
-    if (stream.chunked) co_await net::async_write(stream_, net::buffer(kLastChunk), kAwait);
+    const std::vector<net::const_buffer> last_chunk{net::buffer(kLastChunk)};
+    if (stream.chunked) co_await WriteText(stream, last_chunk, target);
   }
 
   // Unless something is being sent right now.
   net::awaitable<bool> Beat(const Stream& stream, const std::string& target) {
-    if (!stream.sse || (stream.outlet != nullptr && !stream.outlet->Take())) co_return true;
+    if (!stream.sse || (outlet_ != nullptr && !outlet_->Take())) co_return true;
     Chunk chunk;
     chunk.text = {net::buffer(kHeartbeat)};
     if (stream.chunked) Frame(chunk);
     const bool there = co_await WriteText(stream, chunk.text, target);
-    if (stream.outlet != nullptr) stream.outlet->GiveBack();
+    if (outlet_ != nullptr) outlet_->GiveBack();
     co_return there;
   }
 
   // False if the connection is to be closed.
   net::awaitable<bool> WriteText(const Stream& stream, std::vector<net::const_buffer> text, const std::string& target) {
     if (text.empty()) co_return true;
-    stream_.expires_after(core_.options.stall_time);
+    // Not the stream's own time limit, which would close the socket and leave the outlet none the wiser.
+    const auto late = std::make_shared<bool>(false);
+    net::steady_timer timer(core_.io, core_.options.stall_time);
+    timer.async_wait([late, self = shared_from_this()](error_code cancelled) {
+      if (cancelled || late.use_count() == 1) return;  // all was written
+      *late = true;
+      self->CloseNow();
+    });
+    stream_.expires_never();
     const auto [error, count] = co_await net::async_write(stream_, text, kAwait);
-    if (error == beast::error::timeout) {
+    if (*late) {
       core_.Log(absl::StrCat("cut off ", stream.peer, " at ", target, ": it did not take what it asked for within ",
                              core_.options.stall_time.count(), " ms"));
     }
@@ -600,6 +612,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   // What was sent arrives before the connection ends, also where the other side still sends.
   net::awaitable<void> Close() {
+    if (outlet_ != nullptr) outlet_->Detach();
     error_code error;
     stream_.expires_after(kLinger);
     if (stream_.secure()) co_await stream_.async_shutdown(kAwait);
@@ -624,6 +637,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   Core& core_;
   Transport stream_;
+  std::shared_ptr<Outlet> outlet_;  // of a stream in the clear, once it has begun
   beast::flat_buffer buffer_;
   std::size_t body_bytes_ = 0;
   bool idle_ = false;

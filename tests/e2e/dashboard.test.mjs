@@ -286,7 +286,7 @@ test("a live job of thousands of iterations leaves the browser time for 60 frame
   await page.getByTestId("distance").waitFor();
   await browser.startTracing(page, { categories: ["toplevel", "devtools.timeline"] });
   const begun = Date.now();
-  await page.waitForFunction((n) => window.shown.length > n, 40 + (await page.evaluate(() => window.shown.length)));
+  await page.waitForFunction((n) => window.shown.length > n, 20 + (await page.evaluate(() => window.shown.length)));
   const seconds = (Date.now() - begun) / 1000;
   const { traceEvents } = JSON.parse((await browser.stopTracing()).toString());
   await server.post(`/v1/${job.name}:cancel`, {});
@@ -295,9 +295,9 @@ test("a live job of thousands of iterations leaves the browser time for 60 frame
   const times = (name) => traceEvents.filter((e) => e.ph === "X" && e.name === name && main.has(`${e.pid} ${e.tid}`)).map((e) => e.tdur / 1000).sort((a, b) => a - b);
   const tasks = times("ThreadControllerImpl::RunTask");
   const frames = times("FireAnimationFrame");
-  const [longest, median] = [tasks.at(-1), frames[frames.length >> 1]];
-  console.log(`${frames.length} frames in ${seconds.toFixed(1)} s, median ${median.toFixed(1)} ms, the longest task ${longest.toFixed(1)} ms`);
-  assert.ok(frames.length >= 40 && median < 1000 / 60, `${frames.length} frames, median ${median} ms`);
+  const [longest, frame] = [tasks.at(-1), frames[Math.floor(0.9 * frames.length)]];
+  console.log(`${frames.length} frames in ${seconds.toFixed(1)} s, nine of ten within ${frame.toFixed(1)} ms, the longest task ${longest.toFixed(1)} ms`);
+  assert.ok(frames.length >= 20 && frame < 1000 / 60, `${frames.length} frames, nine of ten within ${frame} ms`);
   assert.ok(longest < 50, `a task of ${longest} ms`);
   assert.deepEqual(errors, []);
 });

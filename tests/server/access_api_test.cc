@@ -279,10 +279,10 @@ TEST_F(AccessApiTest, WhoCreatesOwns) {
   ASSERT_EQ(reply.code, 200) << reply.body;
   ASSERT_TRUE(FromJson(reply.body, &campaign).ok());
   EXPECT_EQ(campaign.owner(), "bob");
-  for (const JobRecord& member :
-       engine_.use_cases().ListJobs(10, "", "campaign = " + campaign.name().substr(10), "")->items) {
-    EXPECT_EQ(member.spec.owner, "bob");
-  }
+  const auto members = engine_.use_cases().ListJobs(10, "", "campaign = " + campaign.name().substr(10), "");
+  ASSERT_TRUE(members.ok());
+  EXPECT_FALSE(members->items.empty());
+  for (const JobRecord& member : members->items) EXPECT_EQ(member.spec.owner, "bob");
 }
 
 TEST_F(AccessApiTest, HealthReflectionAndFilesAreOpen) {

@@ -64,10 +64,10 @@ class FairShareTest : public ::testing::Test {
 };
 
 // The queue is full of one client's jobs, and as many as may run do: another's job begins all the same, and ends.
-TEST_F(FairShareTest, AnothersOneJobBeginsAndEndsBesideHundreds) {
+TEST_F(FairShareTest, AnothersOneJobBeginsAndEndsBesideMany) {
   Engine engine(NewDatabase(), {.threads = 2, .max_running_jobs = 2});
   std::vector<std::string> many;
-  for (int i = 0; i < 100; ++i) {
+  for (int i = 0; i < 30; ++i) {
     const auto id = Submit(engine, EndlessScenario(), "10.0.0.1");
     ASSERT_TRUE(id.ok()) << id.status();
     many.push_back(*id);
@@ -77,7 +77,7 @@ TEST_F(FairShareTest, AnothersOneJobBeginsAndEndsBesideHundreds) {
   ASSERT_TRUE(one.ok());
   EXPECT_EQ(engine.WaitForEnd(*one).state, JobState::kSucceeded);
   ExpectSameHistory(engine.History(*one), PlainHistory(SmallScenario(50)));
-  EXPECT_EQ(engine.scheduler().counts().queued, 98);
+  EXPECT_EQ(engine.scheduler().counts().queued, 28);
 }
 
 // With one worker shares are exact: a client with one job gets as much as one with four.

@@ -315,6 +315,35 @@ TEST_F(VerifyTest, AJobThatIsTakenUpAfterAnUpgradeSaysFromWhereItsDigestIsFirstH
   EXPECT_THAT(result.conclusion, HasSubstr("up to iteration 3 the digest was made after the event"));
 }
 
+TEST_F(VerifyTest, AJobWhoseIterationsWereRemovedIsHeldAgainstItsDigest) {
+  const std::string id = Run(JobOf(SmallScenario(12)));
+  {
+    Engine engine(Database(), {.threads = 1}, false);
+    engine.store().retention().RemoveIterations(id, NowUs(),
+                                                [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; });
+    engine.store().Flush();
+    const Verification result = Verify(engine, id);
+    EXPECT_EQ(result.verdict, Verdict::kIdentical) << result.conclusion;
+    EXPECT_EQ(result.digest, digest_);
+    EXPECT_EQ(result.recorded_digest, digest_);
+    EXPECT_THAT(result.conclusion, HasSubstr("its iterations were removed"));
+    const auto stretch = VerifyJob(engine.store(), id, {.first = 3}, [](const VerifyProgress&) { return true; });
+    EXPECT_EQ(ReasonOf(stretch.status()), "ITERATIONS_REMOVED");
+  }
+  Alter("UPDATE iterations SET cost = cost * 2 WHERE iteration = 12");
+  const Verification last = VerifyAgain(id);
+  EXPECT_EQ(last.verdict, Verdict::kDifferent);
+  EXPECT_EQ(last.first_difference->iteration, 12);
+  EXPECT_EQ(last.digest, digest_);
+  Alter("UPDATE iterations SET cost = cost / 2 WHERE iteration = 12");
+  Alter(absl::StrCat("UPDATE jobs SET digest = '", std::string(64, 'a'), "'"));
+  const Verification digest = VerifyAgain(id);
+  EXPECT_EQ(digest.verdict, Verdict::kDifferent);
+  EXPECT_THAT(digest.conclusion, HasSubstr("another digest"));
+  Alter("UPDATE jobs SET digest = NULL; UPDATE job_documents SET provenance = NULL");
+  EXPECT_EQ(VerifyAgain(id).verdict, Verdict::kIdentical);
+}
+
 TEST_F(VerifyTest, SaysWhatCannotBeVerified) {
   Engine engine(Database(), {.threads = 1}, false);
   const auto error = [&](const std::string& id, VerifyRange range) {
