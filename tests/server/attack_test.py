@@ -501,6 +501,7 @@ def main():
         server = Server(binary, directory)
         try:
             api = Api(repository, directory, server.grpc)
+            until(lambda: api.call(f"{TUNING}.ListJobs", {})[0] == grpc.StatusCode.OK)
             code, details, job = api.call(f"{TUNING}.CreateJob", {"job": {**SMALL, "display_name": "canary"}})
             assert code == grpc.StatusCode.OK, details
             until(lambda: api.call(f"{TUNING}.GetJob", {"name": job.name})[2].state >= 4)
