@@ -77,7 +77,7 @@ const std::vector<Library>& Libraries() {
       {{"hwy/"}, {"core/simd"}},
       {{"nanoflann"}, {"core/library"}},
       {{"prometheus/"}, {"server/metrics"}},
-      {{"openssl/"}, {"core/library", "server/access"}},
+      {{"openssl/"}, {"core/base", "server/access"}},
       {{"boost/", "nlohmann/", "CLI/"}, {"storage", "server/rest", "server/config", "server/commands", "client/cli"}},
   };
   return *libraries;

@@ -80,25 +80,26 @@ TEST_F(FairShareTest, AnothersOneJobBeginsAndEndsBesideMany) {
   EXPECT_EQ(engine.scheduler().counts().queued, 28);
 }
 
-// With one worker shares are exact: a client with one job gets as much as one with four.
+// A client with one job gets as much as one with four; without shares the four would have four times as much. No job
+// waits for the disk.
 TEST_F(FairShareTest, ClientsGetEqualSharesOfTheWorkers) {
-  Engine engine(NewDatabase(), {.threads = 1}, false);
   constexpr int kIterations = 400;
+  Engine engine(NewDatabase(), {.threads = 1, .max_uncommitted_iterations = 2 * kIterations}, false);
   const std::vector<std::string> many = {"a1", "a2", "a3", "a4"};
   for (const std::string& id : many) Put(engine, id, kIterations, "a");
   Put(engine, "b", kIterations, "b");
   const int of_many = PublishedBeforeTheEndOf("b", many, engine);
-  EXPECT_GE(of_many, kIterations * 3 / 4);
-  EXPECT_LE(of_many, kIterations * 5 / 4);
+  EXPECT_GE(of_many, kIterations / 2);
+  EXPECT_LE(of_many, kIterations * 2);
 }
 
 TEST_F(FairShareTest, AClientsRunningJobsShareByPriority) {
-  Engine engine(NewDatabase(), {.threads = 1}, false);
   constexpr int kIterations = 400;
+  Engine engine(NewDatabase(), {.threads = 1, .max_uncommitted_iterations = 2 * kIterations}, false);
   Put(engine, "low", kIterations, "a", -1);
   Put(engine, "high", kIterations, "a", 1);
   const int low = PublishedBeforeTheEndOf("high", {"low"}, engine);
-  EXPECT_GE(low, kIterations / 6);  // a quarter is its share
+  EXPECT_GE(low, kIterations / 20);  // its share is a quarter of high's steps, of which early iterations take more
   EXPECT_LE(low, kIterations / 3);
   EXPECT_EQ(engine.WaitForEnd("low").state, JobState::kSucceeded);
 }

@@ -454,7 +454,8 @@ TEST_F(RpcTest, TenMegabytesInAnyStringAreAClearError) {
         if (field == "etag") {
           EXPECT_THAT(status.error_code(), AnyOf(grpc::StatusCode::ABORTED, grpc::StatusCode::FAILED_PRECONDITION));
         } else if (field == "job.name" || field == "job.etag" || field == "job.error_message" ||
-                   field == "job.campaign" || field.starts_with("job.report.")) {
+                   field == "job.campaign" || field == "job.owner" || field.starts_with("job.report.") ||
+                   field.starts_with("job.provenance.")) {
           EXPECT_TRUE(status.ok()) << "output only: " << status.error_message();
         } else {
           EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
@@ -499,8 +500,8 @@ TEST_F(RpcTest, EveryMethodHasItsHttpRule) {
       const MethodDescriptor& method = *service->method(i);
       ASSERT_TRUE(method.options().HasExtension(google::api::http)) << method.full_name();
       const google::api::HttpRule& rule = method.options().GetExtension(google::api::http);
-      const bool reads =
-          method.name().starts_with("Get") || method.name().starts_with("List") || method.name().starts_with("Watch");
+      const bool reads = std::ranges::any_of(std::array{"Get", "List", "Watch", "Verify"},
+                                             [&](const char* verb) { return method.name().starts_with(verb); });
       EXPECT_EQ(reads, rule.pattern_case() == google::api::HttpRule::kGet) << method.full_name();
       const std::string& route = !rule.get().empty() ? rule.get() : rule.post() + rule.delete_();
       EXPECT_THAT(route, StartsWith("/v1/")) << method.full_name();
