@@ -5,6 +5,8 @@ add_library(orbitune_options INTERFACE)
 target_compile_options(orbitune_options INTERFACE
   -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Wno-missing-field-initializers -Werror
   -ffp-contract=off)
+# No function's address stays writable once the program is loaded.
+target_link_options(orbitune_options INTERFACE -Wl,-z,relro -Wl,-z,now)
 if(ORBITUNE_SANITIZE)
   target_compile_options(orbitune_options INTERFACE
     -fsanitize=${ORBITUNE_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)

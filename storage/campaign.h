@@ -53,7 +53,9 @@ struct CampaignSpec {
   std::optional<InitialConditionDraws> held_out_draws;  // of the held-out
   bool tune_held_out = false;                           // each by a job of its own, to compare with
   std::optional<RobustTuning> robust;
-  std::string owner;  // as JobSpec's
+  std::string owner;  // as JobSpec's, and of all its jobs, like the next two
+  std::string peer;
+  int priority = 0;
 };
 
 // Whose gains are flown.

@@ -27,6 +27,9 @@ inline bool IsTerminal(JobState state) {
 // Microseconds since the Unix epoch, UTC.
 using TimeUs = std::int64_t;
 
+inline constexpr int kLowestPriority = -4;
+inline constexpr int kHighestPriority = 4;
+
 // Everything a job's results are a function of, and how its owner calls it. Never changes.
 struct JobSpec {
   std::string display_name;
@@ -38,6 +41,8 @@ struct JobSpec {
   std::string warm_start;   // jobs/ID or gainSets/ID, whose gains scenario.search.initial_gains are; else empty
   std::string campaign_id;  // that the job is part of; else empty
   std::string owner;        // name of the token that created it; empty: nobody's
+  std::string peer;         // IP address that it came from, where it has no owner
+  int priority = 0;         // in [kLowestPriority, kHighestPriority]; of the workers' time it gets 2^priority parts
 
   // What is flown.
   std::span<const OrbitState> starts() const {

@@ -171,6 +171,8 @@ void VisitFields(T& s, V&& visit) {
   visit.Later("warm_start", s.warm_start);
   visit.Later("campaign_id", s.campaign_id);
   visit.Later("owner", s.owner);
+  visit.Later("peer", s.peer);
+  visit.Later("priority", s.priority);
 }
 
 template <Is<EpisodeReport> T, typename V>
@@ -346,6 +348,8 @@ void VisitFields(T& s, V&& visit) {
   visit("tune_held_out", s.tune_held_out);
   visit("robust", s.robust);
   visit.Later("owner", s.owner);
+  visit.Later("peer", s.peer);
+  visit.Later("priority", s.priority);
 }
 
 template <Is<MemberEpisode> T, typename V>

@@ -52,7 +52,7 @@ absl::StatusOr<JobTables::Head*> JobTables::FindHeadForEvent(const std::string& 
   return head;
 }
 
-absl::StatusOr<std::optional<JobRecord>> JobTables::FindByRequest(const NewJob& job) {
+absl::StatusOr<std::optional<JobRecord>> JobTables::FindByRequest(const JobToStore& job) {
   if (job.request_id.empty()) return std::nullopt;
   auto statement = connection_.Prepare("SELECT id, request_digest FROM jobs WHERE request_id = ?");
   if (!statement.ok()) return statement.status();
@@ -70,7 +70,7 @@ absl::StatusOr<std::optional<JobRecord>> JobTables::FindByRequest(const NewJob& 
   return ReadJob(connection_, earlier);
 }
 
-absl::StatusOr<JobRecord> JobTables::CreateJob(const NewJob& job) {
+absl::StatusOr<JobRecord> JobTables::CreateJob(const JobToStore& job) {
   absl::StatusOr<std::optional<JobRecord>> earlier = FindByRequest(job);
   if (!earlier.ok()) return earlier.status();
   if (*earlier) return **std::move(earlier);
@@ -87,7 +87,7 @@ absl::StatusOr<JobRecord> JobTables::CreateJob(const NewJob& job) {
   return record;
 }
 
-absl::Status JobTables::InsertJob(const NewJob& job) {
+absl::Status JobTables::InsertJob(const JobToStore& job) {
   absl::Status status = connection_.Run(
       "INSERT INTO jobs (id, state, scenario_id, create_time_us, update_time_us, last_seq, state_changes, iterations, "
       "request_id, request_digest, campaign, error_message, digest) VALUES (?, ?, ?, ?, ?, 1, 1, 0, ?, ?, ?, '', ?)",

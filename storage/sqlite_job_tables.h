@@ -13,7 +13,7 @@
 namespace orbitune {
 
 // A job as it is created, its spec as JSON already.
-struct NewJob {
+struct JobToStore {
   std::string id;
   JobSpec spec;
   std::string spec_json;
@@ -32,7 +32,7 @@ class JobTables {
   explicit JobTables(Connection& connection) : connection_(connection) {}
 
   // As JobStore's methods of these names.
-  absl::StatusOr<JobRecord> CreateJob(const NewJob& job);
+  absl::StatusOr<JobRecord> CreateJob(const JobToStore& job);
   absl::Status AppendIteration(const std::string& id, std::int64_t seq, const IterationRecord& record,
                                const Continuation& continuation);
   // report_json: of change.report, NULL without one.
@@ -75,8 +75,8 @@ class JobTables {
   absl::StatusOr<Head*> FindHead(const std::string& id);
   absl::StatusOr<Head*> FindHeadForEvent(const std::string& id, std::int64_t seq);
   absl::Status WriteHead(Head& head);
-  absl::StatusOr<std::optional<JobRecord>> FindByRequest(const NewJob& job);
-  absl::Status InsertJob(const NewJob& job);
+  absl::StatusOr<std::optional<JobRecord>> FindByRequest(const JobToStore& job);
+  absl::Status InsertJob(const JobToStore& job);
   absl::Status InsertStateChange(std::int64_t job_key, std::int64_t seq, const StateChange& change);
 
   Connection& connection_;

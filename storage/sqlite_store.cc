@@ -52,12 +52,11 @@ class SqliteGainStore final : public GainStore {
 
 class SqliteStore final : public JobStore {
  public:
-  SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection,
-              std::chrono::milliseconds first_retry_pause)
+  SqliteStore(std::unique_ptr<FileLock> lock, std::unique_ptr<Connection> connection, const SqliteStoreOptions& options)
       : lock_(std::move(lock)),
         connection_(std::move(connection)),
         readers_(connection_->path()),
-        writer_(*connection_, first_retry_pause),
+        writer_(*connection_, options.first_retry_pause, options.metrics),
         campaigns_(*connection_, writer_, readers_),
         gains_(readers_, writer_),
         retention_(writer_, readers_) {}
@@ -108,13 +107,13 @@ void SqliteStore::CreateJob(std::string id, JobSpec spec, TimeUs now, std::strin
     return;
   }
   Provenance provenance = NewProvenance(spec);
-  auto job = std::make_shared<const NewJob>(NewJob{.id = std::move(id),
-                                                   .spec = std::move(spec),
-                                                   .spec_json = *std::move(spec_json),
-                                                   .provenance = std::move(provenance),
-                                                   .time_us = now,
-                                                   .request_id = std::move(request_id),
-                                                   .request_digest = std::move(request_digest)});
+  auto job = std::make_shared<const JobToStore>(JobToStore{.id = std::move(id),
+                                                           .spec = std::move(spec),
+                                                           .spec_json = *std::move(spec_json),
+                                                           .provenance = std::move(provenance),
+                                                           .time_us = now,
+                                                           .request_id = std::move(request_id),
+                                                           .request_digest = std::move(request_digest)});
   auto created = std::make_shared<JobRecord>();
   const auto apply = [job, created](JobTables& tables) {
     absl::StatusOr<JobRecord> record = tables.CreateJob(*job);
@@ -288,7 +287,7 @@ absl::StatusOr<std::unique_ptr<JobStore>> OpenSqliteStore(const SqliteStoreOptio
   if (!lock.ok()) return lock.status();
   auto connection = OpenForWriting(path->string(), options);
   if (!connection.ok()) return WithWayForward(connection.status(), path->string());
-  return std::make_unique<SqliteStore>(*std::move(lock), *std::move(connection), options.first_retry_pause);
+  return std::make_unique<SqliteStore>(*std::move(lock), *std::move(connection), options);
 }
 
 }  // namespace orbitune

@@ -7,11 +7,13 @@
 #include <string>
 
 #include "storage/job_store.h"
+#include "storage/store_metrics.h"
 
 namespace orbitune {
 
 struct SqliteStoreOptions {
-  std::string path;  // of the database file; created if it is not there, its directory is not
+  std::string path;                 // of the database file; created if it is not there, its directory is not
+  StoreMetrics* metrics = nullptr;  // outlives the store; nullptr: nothing is counted
   // Before a commit that failed is tried again; the pauses grow to 2 s.
   std::chrono::milliseconds first_retry_pause{50};
 

@@ -24,8 +24,10 @@ std::vector<absl::Status> GiveUp(std::size_t operations, const absl::Status& tro
 
 }  // namespace
 
-SqliteWriter::SqliteWriter(Connection& connection, std::chrono::milliseconds first_pause)
-    : connection_(connection), tables_(connection), first_pause_(first_pause), thread_([this] { Run(); }) {}
+SqliteWriter::SqliteWriter(Connection& connection, std::chrono::milliseconds first_pause, StoreMetrics* metrics)
+    : connection_(connection), tables_(connection), first_pause_(first_pause), metrics_(metrics), thread_([this] {
+        Run();
+      }) {}
 
 SqliteWriter::~SqliteWriter() {
   {
@@ -76,7 +78,9 @@ void SqliteWriter::Run() {
     if (group.empty()) {
       RemoveLeftovers();
     } else {
+      const auto begun = std::chrono::steady_clock::now();
       std::vector<absl::Status> results = Commit(group);
+      Count(group.size(), std::chrono::steady_clock::now() - begun);
       for (std::size_t i = 0; i < group.size(); ++i) {
         if (group[i].answer) group[i].answer(std::move(results[i]));
       }
@@ -101,6 +105,12 @@ bool SqliteWriter::TakeGroup(std::vector<Operation>& group) {
     queue_.pop_front();
   }
   return true;
+}
+
+void SqliteWriter::Count(std::size_t operations, std::chrono::duration<double> taken) {
+  if (metrics_ == nullptr) return;
+  metrics_->commit_s.Observe(taken.count());
+  metrics_->group_size.Observe(static_cast<double>(operations));
 }
 
 void SqliteWriter::CountAnswered(std::size_t answered) {

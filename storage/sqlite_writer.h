@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "storage/sqlite_job_tables.h"
+#include "storage/store_metrics.h"
 
 namespace orbitune {
 
@@ -33,8 +34,8 @@ class SqliteWriter {
   };
 
   // connection outlives this and is used by nobody else meanwhile. first_pause: before a failed commit is tried again;
-  // the pauses after it grow to 2 s.
-  SqliteWriter(Connection& connection, std::chrono::milliseconds first_pause);
+  // the pauses after it grow to 2 s. metrics, if there are any, outlive it too.
+  SqliteWriter(Connection& connection, std::chrono::milliseconds first_pause, StoreMetrics* metrics = nullptr);
 
   // Commits what is queued, if the disk lets it at the first try, answers everything and ends the thread.
   ~SqliteWriter();
@@ -61,6 +62,7 @@ class SqliteWriter {
   std::vector<absl::Status> CommitOneByOne(std::span<Operation> group);
   // Answers what need not wait for the disk, in the group and in the queue.
   void Refuse(std::span<Operation> group);
+  void Count(std::size_t operations, std::chrono::duration<double> taken);
   void CountAnswered(std::size_t answered);
   void RemoveLeftovers();
   bool stopping() const;
@@ -71,6 +73,7 @@ class SqliteWriter {
   Connection& connection_;
   JobTables tables_;
   const std::chrono::milliseconds first_pause_;
+  StoreMetrics* const metrics_;
   bool leftovers_ = true;       // perhaps
   bool leftovers_hit_ = false;  // by an error, and had better wait
   bool gave_up_ = false;        // the disk failed while the writer was ending

@@ -152,6 +152,8 @@ void AddTuning(CLI::App& program, SubmitOptions& submit) {
   SubmitOptions* const options = &submit;
   AddText(*app, "--name", options->display_name, "A title", "TEXT");
   AddLabels(*app, options->labels, "A label; may be repeated");
+  app->add_option("--priority", options->priority,
+                  "-4 to 4: of your own jobs the highest begins first, and gets 2^priority parts of your time [0]");
   AddNumber<std::int32_t>(*app, "--iterations", options->iterations, "M; like all below, the scenario's if not given");
   AddNumber<double>(*app, "--step-size", options->step_size, "alpha");
   AddNumber<double>(*app, "--exploration-scale", options->exploration_scale, "sigma");

@@ -85,6 +85,7 @@ absl::StatusOr<v1::CreateCampaignRequest> BuildCreateCampaignRequest(const Campa
   const v1::Job& job = common->job();
   campaign.set_display_name(job.display_name());
   *campaign.mutable_labels() = job.labels();
+  campaign.set_priority(job.priority());
   campaign.set_scenario(job.scenario());
   if (job.has_scenario_definition()) *campaign.mutable_scenario_definition() = job.scenario_definition();
   *campaign.mutable_hyperparameters() = job.hyperparameters();

@@ -196,6 +196,7 @@ void PrintCampaign(const v1::Campaign& campaign, std::ostream& out) {
   for (const auto& [key, value] : campaign.labels()) {
     PrintLine(absl::StrCat("labels.", Printable(key)).c_str(), Printable(value), out);
   }
+  if (campaign.priority() != 0) PrintLine("priority", absl::StrCat(campaign.priority()), out);
   PrintLine("scenario", campaign.scenario().empty() ? "(its own definition)" : Printable(campaign.scenario()), out);
   PrintLine("created", UtcTime(campaign.create_time()), out);
   if (campaign.has_end_time()) PrintLine("ended", UtcTime(campaign.end_time()), out);

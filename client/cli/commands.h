@@ -37,6 +37,7 @@ struct SubmitOptions {
   FlightOptions flight;
   std::string display_name;
   std::vector<std::string> labels;  // key=value
+  std::int32_t priority = 0;
   std::optional<std::int32_t> iterations;
   std::optional<double> step_size;
   std::optional<double> exploration_scale;

@@ -155,6 +155,7 @@ void PrintJob(const v1::Job& job, std::ostream& out) {
   for (const auto& [key, value] : job.labels()) {
     out << absl::StrFormat("%-32s %s\n", absl::StrCat("labels.", Printable(key)), Printable(value));
   }
+  if (job.priority() != 0) out << absl::StrFormat("%-32s %d\n", "priority", job.priority());
   out << absl::StrFormat("%-32s %s\n", "scenario", job.scenario().empty() ? "(its own definition)" : job.scenario());
   PrintTime("created", job.has_create_time(), job.create_time(), out);
   PrintTime("started", job.has_start_time(), job.start_time(), out);

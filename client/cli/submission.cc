@@ -93,6 +93,7 @@ absl::StatusOr<v1::CreateJobRequest> BuildCreateJobRequest(const SubmitOptions& 
   v1::Job& job = *request.mutable_job();
   if (const absl::Status status = SetFlight(options.flight, &job); !status.ok()) return status;
   job.set_display_name(options.display_name);
+  job.set_priority(options.priority);
   for (const std::string& label : options.labels) {
     const auto pair = ParsePair(label);
     if (!pair.ok()) return For("--label", pair.status());

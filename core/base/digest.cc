@@ -9,19 +9,8 @@
 namespace orbitune {
 namespace {
 
-struct Context {
-  // Fetched once: that costs more than a short digest.
-  Context() : context(EVP_MD_CTX_new()), algorithm(EVP_MD_fetch(nullptr, "SHA256", nullptr)) {
-    ORBITUNE_CHECK(context != nullptr && algorithm != nullptr);
-  }
-  Context(const Context&) = delete;
-  Context& operator=(const Context&) = delete;
-  ~Context() {
-    EVP_MD_CTX_free(context);
-    EVP_MD_free(algorithm);
-  }
-  EVP_MD_CTX* const context;
-  EVP_MD* const algorithm;
+struct FreeContext {
+  void operator()(EVP_MD_CTX* context) const { EVP_MD_CTX_free(context); }
 };
 
 int ValueOf(char digit) {
@@ -33,12 +22,14 @@ int ValueOf(char digit) {
 }  // namespace
 
 Digest Sha256(std::string_view bytes) {
-  thread_local const Context sha256;
+  // Looking it up, and making a context, cost more than a short digest.
+  static const EVP_MD* const sha256 = EVP_MD_fetch(nullptr, "SHA256", nullptr);
+  thread_local const std::unique_ptr<EVP_MD_CTX, FreeContext> context(EVP_MD_CTX_new());
   Digest digest;
   unsigned size = 0;
-  ORBITUNE_CHECK(EVP_DigestInit_ex(sha256.context, sha256.algorithm, nullptr) == 1 &&
-                 EVP_DigestUpdate(sha256.context, bytes.data(), bytes.size()) == 1 &&
-                 EVP_DigestFinal_ex(sha256.context, digest.data(), &size) == 1 && size == digest.size());
+  ORBITUNE_CHECK(sha256 != nullptr && context != nullptr && EVP_DigestInit_ex(context.get(), sha256, nullptr) == 1 &&
+                 EVP_DigestUpdate(context.get(), bytes.data(), bytes.size()) == 1 &&
+                 EVP_DigestFinal_ex(context.get(), digest.data(), &size) == 1 && size == digest.size());
   return digest;
 }
 

@@ -76,7 +76,8 @@ struct EpisodeOptions {
   bool early_exit = true;
   bool measure_effort = false;
   std::vector<EpisodeSample>* trajectory = nullptr;  // appended to, not owned
-  // Asked at every sample; true ends the episode as a numerical failure, for a caller that wants no answer any more.
+  // Asked at every sample and every few milliseconds; true ends the episode as a numerical failure, for a caller that
+  // wants no answer any more.
   std::function<bool()> cancelled;
 };
 

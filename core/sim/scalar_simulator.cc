@@ -134,11 +134,19 @@ class Episode {
         ++result_.rejected_steps;
         step_ = next_step_;
       }
+      if (Abandoned()) return Outcome::kNumericalFailure;
       const bool stuck = step_ < 1e-13 * std::max(1.0, time_) ||
                          result_.steps + result_.rejected_steps > MaxStepAttempts(problem_.horizon_samples);
       if (stuck) return Margin() < kNearEdge ? Outcome::kLeftDomain : Outcome::kNumericalFailure;
     }
     return Outcome::kSettled;
+  }
+
+  // A sample may take any number of steps: asked every so many.
+  bool Abandoned() const {
+    constexpr int kStepsAtOnce = 4096;  // some milliseconds
+    const int attempts = result_.steps + result_.rejected_steps;
+    return attempts % kStepsAtOnce == 0 && options_.cancelled && options_.cancelled();
   }
 
   // One attempt of size h from y_ (rates_[0] and law_ belong to it); leaves the size to go on with in next_step_.

@@ -68,31 +68,46 @@ EpisodeResult FromLane(const simd::LaneResult& lane, double fuel_weight) {
 
 bool InLanes(const BatchEpisode& episode) { return episode.problem->hold == ControlHold::kContinuous; }
 
-void SimulateChunk(std::span<const BatchEpisode> episodes, std::span<EpisodeResult> results) {
+BatchUse SimulateChunk(std::span<const BatchEpisode> episodes, std::span<EpisodeResult> results,
+                       const std::function<bool()>& cancelled) {
   std::array<simd::LaneEpisode, kChunk> lanes;
   std::array<simd::LaneResult, kChunk> lane_results;
   std::size_t count = 0;
   for (const BatchEpisode& episode : episodes) {
     if (InLanes(episode)) lanes[count++] = ToLane(episode);
   }
-  simd::RunLanes(lanes.data(), lane_results.data(), count);
+  const auto asked = [](const void* context) { return (*static_cast<const std::function<bool()>*>(context))(); };
+  const simd::LaneUse lane_use = simd::RunLanes(lanes.data(), lane_results.data(), count,
+                                                cancelled ? simd::Interrupt{asked, &cancelled} : simd::Interrupt{});
+  BatchUse use{.lane_steps = lane_use.lane_steps, .cancelled = lane_use.interrupted};
+  if (use.cancelled) return use;
+  for (std::size_t i = 0; i < count; ++i) use.used_lane_steps += lane_results[i].steps + lane_results[i].rejected_steps;
   count = 0;
   for (std::size_t i = 0; i < episodes.size(); ++i) {
     const BatchEpisode& episode = episodes[i];
-    results[i] = InLanes(episode)
-                     ? FromLane(lane_results[count++], episode.problem->fuel_weight)
-                     : SimulateEpisode(*episode.problem, episode.gains, {.early_exit = episode.early_exit});
+    if (InLanes(episode)) {
+      results[i] = FromLane(lane_results[count++], episode.problem->fuel_weight);
+      continue;
+    }
+    results[i] =
+        SimulateEpisode(*episode.problem, episode.gains, {.early_exit = episode.early_exit, .cancelled = cancelled});
+    use.scalar_steps += results[i].steps + results[i].rejected_steps;
   }
+  if (count < episodes.size()) use.cancelled = cancelled && cancelled();
+  return use;
 }
 
 }  // namespace
 
-void SimulateBatch(std::span<const BatchEpisode> episodes, std::span<EpisodeResult> results) {
+BatchUse SimulateBatch(std::span<const BatchEpisode> episodes, std::span<EpisodeResult> results,
+                       const std::function<bool()>& cancelled) {
   ORBITUNE_CHECK(episodes.size() == results.size());
-  for (std::size_t begin = 0; begin < episodes.size(); begin += kChunk) {
+  BatchUse use;
+  for (std::size_t begin = 0; begin < episodes.size() && !use.cancelled; begin += kChunk) {
     const std::size_t count = std::min(kChunk, episodes.size() - begin);
-    SimulateChunk(episodes.subspan(begin, count), results.subspan(begin, count));
+    use += SimulateChunk(episodes.subspan(begin, count), results.subspan(begin, count), cancelled);
   }
+  return use;
 }
 
 }  // namespace orbitune

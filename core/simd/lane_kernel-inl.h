@@ -554,7 +554,21 @@ struct Kernel {
     return !hn::AllFalse(kD, hn::Not(hn::Or(hn::Eq(end, Set(kFlying)), hn::Eq(end, Set(kIdle)))));
   }
 
-  static void Run(const LaneEpisode* episodes, LaneResult* results, std::size_t n) {
+  // False: that is long enough to look whether anybody waits for the results.
+  static HWY_INLINE bool StepUntilEnd(Lanes& l, LaneUse& use) {
+    constexpr int kStepsAtOnce = 4096;  // some milliseconds
+    for (int step = 1; step <= kStepsAtOnce; ++step) {
+      Step(l);
+      if (!AnyEnded(l)) continue;
+      use.lane_steps += step * static_cast<std::int64_t>(kWidth);
+      return true;
+    }
+    use.lane_steps += kStepsAtOnce * static_cast<std::int64_t>(kWidth);
+    return false;
+  }
+
+  static LaneUse Run(const LaneEpisode* episodes, LaneResult* results, std::size_t n, const Interrupt& interrupt) {
+    LaneUse use;
     Lanes lanes{};
     alignas(64) Row fresh;
     for (std::size_t lane = 0; lane < kWidth; ++lane) LoadIdle(lanes, lane);
@@ -575,16 +589,20 @@ struct Kernel {
         ++flying;
         fresh[lane] = 1;
       }
-      if (flying == 0) return;
+      if (flying == 0) return use;
       Begin(lanes, fresh);
-      do {
-        Step(lanes);
-      } while (!AnyEnded(lanes));
+      while (!StepUntilEnd(lanes, use)) {
+        if (interrupt.asked == nullptr || !interrupt.asked(interrupt.context)) continue;
+        use.interrupted = true;
+        return use;
+      }
     }
   }
 };
 
-inline void Run(const LaneEpisode* episodes, LaneResult* results, std::size_t n) { Kernel::Run(episodes, results, n); }
+inline LaneUse Run(const LaneEpisode* episodes, LaneResult* results, std::size_t n, const Interrupt& interrupt) {
+  return Kernel::Run(episodes, results, n, interrupt);
+}
 
 inline std::size_t Count() { return kWidth; }
 

@@ -43,8 +43,8 @@ const Target& InUse() {
 
 }  // namespace
 
-void RunLanes(const LaneEpisode* episodes, LaneResult* results, std::size_t n) {
-  HWY_DYNAMIC_DISPATCH(Run)(episodes, results, n);
+LaneUse RunLanes(const LaneEpisode* episodes, LaneResult* results, std::size_t n, const Interrupt& interrupt) {
+  return HWY_DYNAMIC_DISPATCH(Run)(episodes, results, n, interrupt);
 }
 
 bool TargetFuses() { return HWY_DYNAMIC_DISPATCH(Fuses)(); }

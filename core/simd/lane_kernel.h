@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -37,9 +38,21 @@ struct LaneResult {
   int rejected_steps;
 };
 
+// Asked now and then whether nobody wants the results any more.
+struct Interrupt {
+  bool (*asked)(const void* context) = nullptr;  // nullptr: always wanted
+  const void* context = nullptr;
+};
+
+// What a call made of the lanes.
+struct LaneUse {
+  std::int64_t lane_steps = 0;  // attempts of a step, in every lane whether it had an episode or not
+  bool interrupted = false;     // the results are not all written
+};
+
 // Simulates n episodes on the calling thread. Each result is a function of its episode alone: not of its neighbours,
 // the order, n, nor, among the targets that can fuse a multiplication and an addition, the target.
-void RunLanes(const LaneEpisode* episodes, LaneResult* results, std::size_t n);
+LaneUse RunLanes(const LaneEpisode* episodes, LaneResult* results, std::size_t n, const Interrupt& interrupt = {});
 
 // How many episodes one thread keeps in flight on the target in use.
 std::size_t LaneCount();

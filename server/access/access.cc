@@ -134,9 +134,10 @@ absl::StatusOr<std::string> Access::TokenOfSession(std::string_view session) con
   return found->second.token_id;
 }
 
-// What a wrong token is answered with. Who comes without one does not guess.
+// What a wrong token is answered with. Who comes without one does not guess, and a browser sends a session that has
+// ended many times over.
 absl::Status Access::Failed(const Credentials& credentials, absl::Status status) {
-  if (credentials.token.empty() && credentials.session.empty()) return status;
+  if (credentials.token.empty()) return status;
   const std::int64_t now_us = NowUs();
   if (buckets_.size() >= kMostBuckets) buckets_.clear();
   Bucket& bucket = buckets_.try_emplace(credentials.peer, Bucket{options_.failures_at_once, now_us}).first->second;

@@ -16,6 +16,9 @@ struct Caller {
 
   // Whose what it creates becomes: nobody's where the server has no tokens.
   std::string owner() const { return token_id.empty() ? "" : name; }
+
+  // Who shares limits, and turns, with whom: the token's name, else the address.
+  std::string client() const { return token_id.empty() ? peer : name; }
 };
 
 inline constexpr char kLocalName[] = "local";

@@ -38,15 +38,39 @@ int ChooseHttp11(SSL*, const unsigned char** out, unsigned char* out_size, const
 
 void TlsContext::FreeContext::operator()(ssl_ctx_st* context) const { SSL_CTX_free(context); }
 
-TlsContext::TlsContext(TlsFiles files, Context context)
-    : files_(std::move(files)), context_(std::move(context)), stamp_(Stamp()), looked_() {}
+TlsFileWatch::TlsFileWatch(TlsFiles files) : files_(std::move(files)), stamp_(Stamp()), looked_() {}
+
+std::string TlsFileWatch::Stamp() const {
+  std::string stamp;
+  for (const std::string& file : {files_.certificate, files_.key, files_.client_ca}) {
+    struct stat about {};
+    if (file.empty() || stat(file.c_str(), &about) != 0) continue;
+    absl::StrAppend(&stamp, about.st_ino, " ", about.st_mtim.tv_sec, ".", about.st_mtim.tv_nsec, " ", about.st_size,
+                    "\n");
+  }
+  return stamp;
+}
+
+bool TlsFileWatch::Changed() {
+  const auto now = std::chrono::steady_clock::now();
+  if (now < looked_ + std::chrono::seconds(1)) return false;
+  looked_ = now;
+  std::string stamp = Stamp();
+  if (stamp == stamp_) return false;
+  stamp_ = std::move(stamp);
+  return true;
+}
+
+TlsContext::TlsContext(TlsFiles files, TlsFileWatch watch, Context context)
+    : files_(std::move(files)), watch_(std::move(watch)), context_(std::move(context)) {}
 
 TlsContext::~TlsContext() = default;
 
 absl::StatusOr<std::unique_ptr<TlsContext>> TlsContext::Load(const TlsFiles& files) {
+  TlsFileWatch watch(files);  // before they are read
   auto context = Make(files);
   if (!context.ok()) return context.status();
-  return std::unique_ptr<TlsContext>(new TlsContext(files, *std::move(context)));
+  return std::unique_ptr<TlsContext>(new TlsContext(files, std::move(watch), *std::move(context)));
 }
 
 absl::StatusOr<TlsContext::Context> TlsContext::Make(const TlsFiles& files) {
@@ -80,31 +104,12 @@ absl::StatusOr<TlsContext::Context> TlsContext::Make(const TlsFiles& files) {
   return context;
 }
 
-std::string TlsContext::Stamp() const {
-  std::string stamp;
-  for (const std::string& file : {files_.certificate, files_.key, files_.client_ca}) {
-    struct stat about {};
-    if (file.empty() || stat(file.c_str(), &about) != 0) continue;
-    absl::StrAppend(&stamp, about.st_ino, " ", about.st_mtim.tv_sec, ".", about.st_mtim.tv_nsec, " ", about.st_size,
-                    "\n");
-  }
-  return stamp;
-}
-
 ssl_st* TlsContext::NewConnection(const std::function<void(const std::string&)>& log) {
-  const auto now = std::chrono::steady_clock::now();
-  if (now >= looked_ + std::chrono::seconds(1)) {
-    looked_ = now;
-    if (std::string stamp = Stamp(); stamp != stamp_) {
-      auto context = Make(files_);
-      if (context.ok()) {
-        context_ = *std::move(context);
-        log("certificates read again");
-      } else {
-        log(absl::StrCat("the certificates stay as they were: ", context.status().message()));
-      }
-      stamp_ = std::move(stamp);
-    }
+  if (watch_.Changed()) {
+    auto context = Make(files_);
+    if (context.ok()) context_ = *std::move(context);
+    log(context.ok() ? "certificates read again"
+                     : absl::StrCat("the certificates stay as they were: ", context.status().message()));
   }
   ssl_st* const connection = SSL_new(context_.get());
   ORBITUNE_CHECK(connection != nullptr);

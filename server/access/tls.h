@@ -1,5 +1,5 @@
-// The server's side of TLS for HTTP: certificates from files that may be replaced while it runs. gRPC watches the same
-// files by itself.
+// The server's side of TLS: certificates from files that may be replaced while it runs. HTTP's connections are made
+// here; gRPC makes its own, from files that are checked here.
 #pragma once
 
 #include <chrono>
@@ -22,6 +22,22 @@ struct TlsFiles {
   bool on() const { return !certificate.empty(); }
 };
 
+// Tells when the files have changed. For one thread at a time.
+class TlsFileWatch {
+ public:
+  explicit TlsFileWatch(TlsFiles files);
+
+  // Whether they are others than when this was last asked, or made; looks once a second at most.
+  bool Changed();
+
+ private:
+  std::string Stamp() const;
+
+  const TlsFiles files_;
+  std::string stamp_;
+  std::chrono::steady_clock::time_point looked_;
+};
+
 // For one thread at a time.
 class TlsContext {
  public:
@@ -30,8 +46,8 @@ class TlsContext {
   static absl::StatusOr<std::unique_ptr<TlsContext>> Load(const TlsFiles& files);
   ~TlsContext();
 
-  // For a new connection, whose it is from then on. Files that have changed are read again first, looked at once a
-  // second at most; where the new ones are faulty the last good ones stay, and `log` is told.
+  // For a new connection, whose it is from then on. Files that have changed are read again first; where the new ones
+  // are faulty the last good ones stay, and `log` is told.
   ssl_st* NewConnection(const std::function<void(const std::string&)>& log);
 
  private:
@@ -40,14 +56,12 @@ class TlsContext {
   };
   using Context = std::unique_ptr<ssl_ctx_st, FreeContext>;
 
-  TlsContext(TlsFiles files, Context context);
+  TlsContext(TlsFiles files, TlsFileWatch watch, Context context);
   static absl::StatusOr<Context> Make(const TlsFiles& files);
-  std::string Stamp() const;
 
   const TlsFiles files_;
+  TlsFileWatch watch_;
   Context context_;
-  std::string stamp_;  // of the files when they were last read
-  std::chrono::steady_clock::time_point looked_;
 };
 
 }  // namespace orbitune

@@ -1,11 +1,13 @@
 #include "server/api/api.h"
 
+#include <chrono>
 #include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status.h"
 #include "server/convert/orbit.h"
+#include "server/jobs/limit.h"
 
 namespace orbitune {
 
@@ -17,6 +19,8 @@ std::string TextOf(const google::protobuf::Message& message, const char* name) {
   const bool is_text = field != nullptr && field->type() == google::protobuf::FieldDescriptor::TYPE_STRING;
   return is_text && !field->is_repeated() ? message.GetReflection()->GetString(message, field) : "";
 }
+
+absl::Status GoingDown() { return absl::UnavailableError("the server is going down"); }
 
 bool OnlyValidates(const google::protobuf::Message& request) {
   const auto* field = request.GetDescriptor()->FindFieldByName("validate_only");
@@ -33,16 +37,31 @@ std::string ResourceOf(const google::protobuf::Message& request, const google::p
 
 }  // namespace
 
-Api::Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains, Access* access)
+// A unary call until it is answered.
+struct Api::Pending {
+  const Method& method;
+  const CallContext context;
+  const google::protobuf::Message& request;
+  google::protobuf::Message* const response;
+  const std::function<void(absl::Status)> done;
+  const std::chrono::steady_clock::time_point begun = std::chrono::steady_clock::now();
+  std::int64_t held_bytes = 0;
+};
+
+Api::Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains, Access* access, const ApiLimits& limits)
     : use_cases_(use_cases),
       campaign_use_cases_(campaigns),
       access_(access),
+      limits_(limits),
+      call_log_(limits.slow_call_s),
+      feeds_(limits.watchers),
       tuning_({use_cases, executors_, messages_, feeds_}),
       campaigns_({campaigns, executors_, feeds_}),
       gains_(gains),
       scenarios_(use_cases),
       simulation_(use_cases),
-      access_api_(access) {
+      access_api_(access),
+      executors_(limits.calls) {
   tuning_.AddTo(methods_);
   campaigns_.AddTo(methods_);
   gains_.AddTo(methods_);
@@ -110,45 +129,103 @@ absl::Status Api::CheckOwner(const Method& method, const Caller& caller,
 
 absl::Status Api::Answer(const Method& method, const CallContext& context, const google::protobuf::Message& request,
                          google::protobuf::Message* response) {
-  if (absl::Status status = CheckRole(method, context.caller); !status.ok()) return status;
-  const bool changes = method.access.role >= Role::kOperator && !OnlyValidates(request);
-  return changes && access_ != nullptr ? Change(method, context, request, response)
-                                       : method.answer(request, response, context);
-}
-
-// The change is committed first, its entry in the audit log next, and then it is answered.
-absl::Status Api::Change(const Method& method, const CallContext& context, const google::protobuf::Message& request,
-                         google::protobuf::Message* response) {
-  const std::string& name = method.descriptor->full_name();
-  absl::Status status = access_->AuditReady();
+  absl::Status status = CheckRole(method, context.caller);
+  if (!status.ok()) return status;
+  const bool noted = access_ != nullptr && method.access.changes && !OnlyValidates(request);
+  if (noted) status = access_->AuditReady();
   if (status.ok()) status = CheckOwner(method, context.caller, request);
   if (status.ok()) status = method.answer(request, response, context);
-  const std::string resource = ResourceOf(request, *response);
-  if (status.ok()) {
-    access_->Audit(context.caller, name, resource);
-  } else {
-    access_->AuditRefusal(context.caller, name, resource, status);
-  }
+  if (noted) Note(method, context.caller, ResourceOf(request, *response), status);
   return status;
+}
+
+// After the change is committed, before it is answered.
+void Api::Note(const Method& method, const Caller& caller, const std::string& resource, const absl::Status& outcome) {
+  const std::string& name = method.descriptor->full_name();
+  outcome.ok() ? access_->Audit(caller, name, resource) : access_->AuditRefusal(caller, name, resource, outcome);
 }
 
 void Api::Call(const Method& method, CallContext context, const google::protobuf::Message& request,
                google::protobuf::Message* response, std::function<void(absl::Status)> done) {
-  if (absl::Status status = CheckRole(method, context.caller); !status.ok()) return done(status);
+  context.cancelled = [this, asked = std::move(context.cancelled)] { return draining_ || asked(); };
+  const auto call = std::make_shared<Pending>(Pending{.method = method,
+                                                      .context = std::move(context),
+                                                      .request = request,
+                                                      .response = response,
+                                                      .done = std::move(done)});
+  absl::Status status = draining_ ? GoingDown() : CheckRole(method, call->context.caller);
+  if (status.ok()) status = HoldBytes(*call);
   const Work work = method.work_of ? method.work_of(request) : method.work;
-  const bool posted = executors_.For(work).TryPost([this, &method, context = std::move(context), &request, response,
-                                                    done] { done(Answer(method, context, request, response)); });
-  if (!posted) done(absl::ResourceExhaustedError("too many requests are waiting"));
+  if (status.ok()) status = executors_.For(work).TryPost(call->context.caller.client(), [this, call] { Run(call); });
+  if (!status.ok()) Finish(*call, status);
+}
+
+// Many small requests are bounded by their number.
+absl::Status Api::HoldBytes(Pending& call) {
+  constexpr std::int64_t kSmall = 64 << 10;
+  const auto bytes = static_cast<std::int64_t>(call.request.ByteSizeLong());
+  if (bytes <= kSmall) return absl::OkStatus();
+  if ((held_bytes_ += bytes) > limits_.max_waiting_bytes) {
+    held_bytes_ -= bytes;
+    return LimitExceeded("MiB of large requests at once", {"max-waiting-mib", limits_.max_waiting_bytes >> 20},
+                         "try again when some have been answered");
+  }
+  call.held_bytes = bytes;
+  return absl::OkStatus();
+}
+
+void Api::Run(const std::shared_ptr<Pending>& call) {
+  absl::Status status;
+  if (draining_) {
+    status = GoingDown();
+  } else if (call->context.cancelled()) {
+    status = absl::CancelledError("the caller has gone, or its deadline has passed, while the call waited");
+  } else {
+    status = AnswerWithinLimits(*call);
+    if (draining_ && absl::IsCancelled(status)) status = GoingDown();
+  }
+  Finish(*call, status);
+}
+
+absl::Status Api::AnswerWithinLimits(const Pending& call) {
+  absl::Status status = Answer(call.method, call.context, call.request, call.response);
+  if (!status.ok()) return status;
+  const auto bytes = static_cast<std::int64_t>(call.response->ByteSizeLong());
+  if (bytes <= limits_.max_response_bytes) return status;
+  call.response->Clear();
+  return LimitExceeded(absl::StrCat("an answer of ", bytes, " bytes"),
+                       {"max-response-bytes", limits_.max_response_bytes},
+                       "ask for less at a time: page_size, max_points, sample_stride");
+}
+
+void Api::Finish(Pending& call, const absl::Status& status) {
+  held_bytes_ -= std::exchange(call.held_bytes, 0);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - call.begun).count();
+  call_metrics_.Observe(call.method.descriptor, status.code(), seconds);
+  call_log_.Note(call.method, call.context.caller, ResourceOf(call.request, *call.response), status, seconds);
+  call.done(status);
 }
 
 std::shared_ptr<Feed> Api::Open(const Method& method, const CallContext& context,
                                 const google::protobuf::Message& request) {
-  if (absl::Status status = CheckRole(method, context.caller); !status.ok()) return EndedFeed(std::move(status));
-  auto feed = method.open(request, context);
-  if (context.caller.token_id.empty() || access_ == nullptr) return feed;
-  feeds_.SetTokenOf(feed.get(), context.caller.token_id);
-  if (!access_->StillValid(context.caller)) feed->End(absl::UnauthenticatedError("the token is valid no more"));
-  return feed;
+  const Caller& caller = context.caller;
+  const auto refuse = [&](absl::Status status) {
+    call_metrics_.Observe(method.descriptor, status.code(), 0);
+    call_log_.Note(method, caller, ResourceOf(request, *method.response), status, 0);
+    return EndedFeed(std::move(status));
+  };
+  if (absl::Status status = CheckRole(method, caller); !status.ok()) return refuse(std::move(status));
+  auto feed =
+      feeds_.Open({caller.client(), caller.token_id, context.transport}, [&] { return method.open(request, context); });
+  if (!feed.ok()) return refuse(feed.status());
+  if (caller.token_id.empty() || access_ == nullptr) return *std::move(feed);
+  if (!access_->StillValid(caller)) (*feed)->End(absl::UnauthenticatedError("the token is valid no more"));
+  return *std::move(feed);
+}
+
+void Api::Drain() {
+  draining_ = true;
+  feeds_.Drain();
 }
 
 }  // namespace orbitune

@@ -13,6 +13,7 @@ using Cancelled = std::function<bool()>;
 struct CallContext {
   Caller caller;
   Cancelled cancelled = [] { return false; };
+  std::string_view transport = "grpc";  // "sse", "ndjson", "http": a literal
 };
 
 }  // namespace orbitune

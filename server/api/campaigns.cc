@@ -30,7 +30,8 @@ absl::Status CampaignApi::CreateCampaign(const v1::CreateCampaignRequest& reques
   auto campaign = FromProto(request.campaign());
   if (!campaign.ok()) return campaign.status();
   campaign->job.owner = context.caller.owner();
-  return Answer(use_cases_.Create(*campaign, request.request_id(), request.validate_only()), out);
+  campaign->job.peer = context.caller.peer;
+  return Answer(use_cases_.Create(*campaign, request.request_id(), request.validate_only(), context.cancelled), out);
 }
 
 absl::Status CampaignApi::GetCampaign(const v1::GetCampaignRequest& request, v1::Campaign* out) {
@@ -65,11 +66,12 @@ absl::Status CampaignApi::DeleteCampaign(const v1::DeleteCampaignRequest& reques
   return id.ok() ? use_cases_.Delete(*id, request.etag()) : id.status();
 }
 
-absl::Status CampaignApi::ExtendCampaign(const v1::ExtendCampaignRequest& request, v1::Campaign* out) {
+absl::Status CampaignApi::ExtendCampaign(const v1::ExtendCampaignRequest& request, v1::Campaign* out,
+                                         const Cancelled& cancelled) {
   const auto id = CampaignId(request.name());
   if (!id.ok()) return id.status();
   const InitialConditionSource more = FromProto(request.initial_conditions());
-  return Answer(use_cases_.Extend(*id, more, request.request_id(), request.etag()), out);
+  return Answer(use_cases_.Extend(*id, more, request.request_id(), request.etag(), cancelled), out);
 }
 
 std::shared_ptr<Feed> CampaignApi::WatchCampaign(const v1::WatchCampaignRequest& request) {

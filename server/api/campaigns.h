@@ -24,7 +24,7 @@ class CampaignApi {
   absl::Status ResumeCampaign(const v1::ResumeCampaignRequest& request, v1::Campaign* out);
   absl::Status CancelCampaign(const v1::CancelCampaignRequest& request, v1::Campaign* out);
   absl::Status DeleteCampaign(const v1::DeleteCampaignRequest& request, google::protobuf::Empty* out);
-  absl::Status ExtendCampaign(const v1::ExtendCampaignRequest& request, v1::Campaign* out);
+  absl::Status ExtendCampaign(const v1::ExtendCampaignRequest& request, v1::Campaign* out, const Cancelled& cancelled);
   std::shared_ptr<Feed> WatchCampaign(const v1::WatchCampaignRequest& request);
   absl::Status ListCampaignMembers(const v1::ListCampaignMembersRequest& request, v1::ListCampaignMembersResponse* out);
 

@@ -4,6 +4,7 @@
 #include "core/base/status.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/error_info.pb.h"
+#include "server/jobs/limit.h"
 
 namespace orbitune {
 namespace {
@@ -53,6 +54,10 @@ google::rpc::Status ToRpcStatus(const absl::Status& status) {
     google::rpc::ErrorInfo info;
     info.set_reason(reason);
     info.set_domain(kDomain);
+    if (const auto limit = LimitOf(status)) {
+      (*info.mutable_metadata())["option"] = limit->option;
+      (*info.mutable_metadata())["limit"] = absl::StrCat(limit->value);
+    }
     details.add_details()->PackFrom(info);
   }
   if (absl::IsUnavailable(status) || absl::IsResourceExhausted(status)) {

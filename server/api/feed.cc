@@ -5,6 +5,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status.h"
 #include "server/api/json.h"
+#include "server/jobs/limit.h"
 
 namespace orbitune {
 namespace {
@@ -31,7 +32,7 @@ std::string_view StreamRun::Events(std::size_t begin, std::size_t end) const {
 
 std::string_view StreamRun::Line(std::size_t item) const {
   std::call_once(once_, [this] { Write(); });
-  return std::string_view(text_).substr(places_[item].json, places_[item].end - 1 - places_[item].json);
+  return std::string_view(text_).substr(places_[item].json, places_[item].end - 2 - places_[item].json);
 }
 
 void StreamRun::Write() const {
@@ -69,7 +70,7 @@ void Feeds::Add(const std::shared_ptr<Feed>& feed) {
   {
     const std::lock_guard lock(mutex_);
     if (!drained_) {
-      feeds_.emplace(feed.get(), Open{feed, ""});
+      feeds_.emplace(feed.get(), Held{feed, {}});
       return;
     }
   }
@@ -78,20 +79,70 @@ void Feeds::Add(const std::shared_ptr<Feed>& feed) {
 
 void Feeds::Remove(const Feed* feed) {
   const std::lock_guard lock(mutex_);
-  feeds_.erase(feed);
+  const auto found = feeds_.find(feed);
+  if (found == feeds_.end()) return;
+  if (!found->second.owner.client.empty()) Release(found->second.owner.client);
+  feeds_.erase(found);
 }
 
-void Feeds::SetTokenOf(const Feed* feed, const std::string& token_id) {
+absl::Status Feeds::Reserve(const std::string& client) {
+  constexpr std::string_view kLater = "try again when another watcher has gone";
   const std::lock_guard lock(mutex_);
-  const auto found = feeds_.find(feed);
-  if (found != feeds_.end()) found->second.token_id = token_id;
+  if (all_watchers_ >= limits_.max_watchers) {
+    return LimitExceeded("watchers", {"max-watchers", limits_.max_watchers}, kLater);
+  }
+  int& of_client = watchers_[client];
+  if (of_client >= limits_.max_watchers_per_client) {
+    return LimitExceeded("watchers of one client", {"max-watchers-per-client", limits_.max_watchers_per_client},
+                         kLater);
+  }
+  ++of_client;
+  ++all_watchers_;
+  return absl::OkStatus();
+}
+
+void Feeds::Release(const std::string& client) {
+  --all_watchers_;
+  const auto found = watchers_.find(client);
+  if (--found->second == 0) watchers_.erase(found);
+}
+
+absl::StatusOr<std::shared_ptr<Feed>> Feeds::Open(FeedOwner owner, const std::function<std::shared_ptr<Feed>()>& open) {
+  if (owner.client.empty()) owner.client = "unknown";
+  if (absl::Status status = Reserve(owner.client); !status.ok()) return status;
+  auto feed = open();
+  const std::lock_guard lock(mutex_);
+  const auto found = feeds_.find(feed.get());
+  if (found != feeds_.end()) {
+    found->second.owner = std::move(owner);
+  } else {
+    Release(owner.client);
+  }
+  return feed;
+}
+
+Feeds::Counts Feeds::Count() {
+  constexpr std::int64_t kKeptForAll = 256;  // EventHub's
+  Counts counts;
+  std::vector<std::shared_ptr<Feed>> feeds;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [address, held] : feeds_) ++counts.by_transport[held.owner.transport];
+    feeds = Those(nullptr);
+  }
+  for (const auto& feed : feeds) {
+    const std::int64_t lag = feed->lag();
+    counts.largest_lag = std::max(counts.largest_lag, lag);
+    counts.behind += lag > kKeptForAll;
+  }
+  return counts;
 }
 
 std::vector<std::shared_ptr<Feed>> Feeds::Those(const std::string* token_id) const {
   std::vector<std::shared_ptr<Feed>> those;
-  for (const auto& [address, open] : feeds_) {
-    if (token_id != nullptr && open.token_id != *token_id) continue;
-    if (auto held = open.feed.lock()) those.push_back(std::move(held));
+  for (const auto& [address, held] : feeds_) {
+    if (token_id != nullptr && held.owner.token_id != *token_id) continue;
+    if (auto feed = held.feed.lock()) those.push_back(std::move(feed));
   }
   return those;
 }

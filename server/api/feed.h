@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "google/protobuf/message.h"
 
 namespace orbitune {
@@ -40,7 +41,7 @@ class StreamRun {
 
   // Of items [begin, end), as text/event-stream has them.
   std::string_view Events(std::size_t begin, std::size_t end) const;
-  // The JSON of one, as a line.
+  // The JSON of one, a line without its end.
   std::string_view Line(std::size_t item) const;
 
  private:
@@ -91,36 +92,68 @@ class Feed : public std::enable_shared_from_this<Feed> {
 
   // Ends the stream with `status`, unless it has ended. A Next under way is answered with it.
   virtual void End(const absl::Status& status) = 0;
+
+  // Events that there are and that have not been handed over.
+  virtual std::int64_t lag() { return 0; }
 };
 
 // A stream that has ended before it began.
 std::shared_ptr<Feed> EndedFeed(absl::Status status);
 
-// The feeds of a server, so that a drain can end them. Thread-safe.
+// Whose a feed is.
+struct FeedOwner {
+  std::string client;  // with whom it shares limits
+  std::string token_id;
+  std::string_view transport;  // a literal
+};
+
+// The feeds of a server: how many there may be, and so that a drain can end them. Thread-safe.
 class Feeds {
  public:
+  struct Limits {
+    int max_watchers = 4096;
+    int max_watchers_per_client = 2048;
+  };
+
+  explicit Feeds(const Limits& limits) : limits_(limits) {}
+
   // Once drained, ends it at once.
   void Add(const std::shared_ptr<Feed>& feed);
   void Remove(const Feed* feed);
 
-  // Whose token opened it, so that it can end with that.
-  void SetTokenOf(const Feed* feed, const std::string& token_id);
+  // A feed that `open` makes; RESOURCE_EXHAUSTED with the limit where its owner may have no more.
+  absl::StatusOr<std::shared_ptr<Feed>> Open(FeedOwner owner, const std::function<std::shared_ptr<Feed>()>& open);
+
   void EndThoseOf(const std::string& token_id, const absl::Status& status);
 
   // Ends every feed with UNAVAILABLE, and every later one at once.
   void Drain();
 
- private:
-  struct Open {
-    std::weak_ptr<Feed> feed;
-    std::string token_id;
+  struct Counts {
+    std::map<std::string_view, int> by_transport;
+    std::int64_t largest_lag = 0;
+    int behind = 0;  // those that have more to take than what is kept in memory for all
   };
+  Counts Count();
+
+ private:
+  struct Held {
+    std::weak_ptr<Feed> feed;
+    FeedOwner owner;
+  };
+
+  absl::Status Reserve(const std::string& client);
+  void Release(const std::string& client);  // under mutex_
 
   std::vector<std::shared_ptr<Feed>> Those(const std::string* token_id) const;  // under mutex_; nullptr: all
 
+  const Limits limits_;
+
   std::mutex mutex_;
   // Guarded by mutex_.
-  std::map<const Feed*, Open> feeds_;
+  std::map<const Feed*, Held> feeds_;
+  std::map<std::string, int> watchers_;  // by client; some may be about to be opened
+  int all_watchers_ = 0;
   bool drained_ = false;
 };
 

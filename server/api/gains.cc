@@ -47,7 +47,8 @@ absl::Status GainApi::ListGainSets(const v1::ListGainSetsRequest& request, v1::L
   return status;
 }
 
-absl::Status GainApi::ImportGainSets(const v1::ImportGainSetsRequest& request, v1::ImportGainSetsResponse* out) {
+absl::Status GainApi::ImportGainSets(const v1::ImportGainSetsRequest& request, v1::ImportGainSetsResponse* out,
+                                     const Cancelled& cancelled) {
   std::vector<ImportedGainSet> sets;
   FieldErrors errors;
   for (int i = 0; i < request.gain_sets_size(); ++i) {
@@ -59,7 +60,7 @@ absl::Status GainApi::ImportGainSets(const v1::ImportGainSetsRequest& request, v
     }
   }
   if (!errors.empty()) return errors.ToStatus();
-  const auto import = use_cases_.Import(sets, request.validate_only());
+  const auto import = use_cases_.Import(sets, request.validate_only(), cancelled);
   if (!import.ok()) return import.status();
   for (const GainSet& set : import->sets) ToProto(set, out->add_gain_sets());
   out->set_imported(import->imported);

@@ -21,7 +21,8 @@ class GainApi {
                           const Cancelled& cancelled);
   absl::Status GetGainSet(const v1::GetGainSetRequest& request, v1::GainSet* out);
   absl::Status ListGainSets(const v1::ListGainSetsRequest& request, v1::ListGainSetsResponse* out);
-  absl::Status ImportGainSets(const v1::ImportGainSetsRequest& request, v1::ImportGainSetsResponse* out);
+  absl::Status ImportGainSets(const v1::ImportGainSetsRequest& request, v1::ImportGainSetsResponse* out,
+                              const Cancelled& cancelled);
   absl::Status DeleteGainSet(const v1::DeleteGainSetRequest& request, google::protobuf::Empty* out);
 
   GainUseCases& use_cases_;

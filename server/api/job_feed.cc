@@ -55,6 +55,14 @@ class JobFeed final : public Feed {
 
   void End(const absl::Status& status) override { EndWith(std::unique_lock(mutex_), status); }
 
+  std::int64_t lag() override {
+    const std::lock_guard lock(mutex_);
+    if (!opened_ || end_) return 0;
+    std::int64_t held = 0;
+    for (const StreamPart& part : outbox_) held += static_cast<std::int64_t>(part.size());
+    return std::max<std::int64_t>(held, context_.use_cases.hub().LastSeq(id_) - sent_seq_ + held);
+  }
+
  private:
   void Post(void (JobFeed::*task)()) {
     context_.executors.For(Work::kStream).Post([self = std::static_pointer_cast<JobFeed>(shared_from_this()), task] {
@@ -106,16 +114,19 @@ class JobFeed final : public Feed {
       after = sent_seq_;
       caught_up_ = true;  // unless a wake comes while the store is read
     }
-    auto events = context_.use_cases.store().ListEvents(id_, after, kPage);
-    std::vector<EventHub::Event> shared;
-    if (events.ok()) {
-      for (JobEvent& event : *events) shared.push_back(std::make_shared<const JobEvent>(std::move(event)));
+    // Where many are at one place, one of them reads it for all.
+    std::vector<StreamPart> parts = context_.messages.After(id_, after, kPage);
+    std::vector<EventHub::Event> read;
+    if (parts.empty()) {
+      auto events = context_.use_cases.store().ListEvents(id_, after, kPage);
+      if (!events.ok()) return End(events.status());
+      for (JobEvent& event : *events) read.push_back(std::make_shared<const JobEvent>(std::move(event)));
     }
     std::unique_lock lock(mutex_);
     filling_ = false;
-    if (!events.ok()) return EndWith(std::move(lock), events.status());
-    if (shared.size() == kPage) caught_up_ = false;
-    TakeEvents(shared);
+    if (!parts.empty() || read.size() == kPage) caught_up_ = false;
+    for (StreamPart& part : parts) Take(std::move(part));
+    TakeEvents(read);
     Step(std::move(lock));
   }
 

@@ -13,6 +13,9 @@ namespace orbitune {
 // One line, without its end.
 std::string ToJson(const google::protobuf::Message& message);
 
+// The same in every byte, by protobuf alone: what ToJson is held against.
+std::string ToJsonByProtobuf(const google::protobuf::Message& message);
+
 // Field names in either form. INVALID_ARGUMENT, saying where, for what is no such message.
 absl::Status FromJson(const std::string& json, google::protobuf::Message* message);
 

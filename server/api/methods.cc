@@ -1,6 +1,7 @@
 #include "server/api/methods.h"
 
 #include "core/base/check.h"
+#include "google/api/annotations.pb.h"
 #include "orbitune/v1/access.pb.h"
 
 namespace orbitune {
@@ -22,9 +23,11 @@ Role FromProto(v1::Role role) {
 // A method without a rule ends the process: nothing is open because it was forgotten.
 AccessRule RuleOf(const google::protobuf::MethodDescriptor& method) {
   const v1::AccessRule& option = method.options().GetExtension(v1::access);
-  AccessRule rule{.role = FromProto(option.role()), .owned = nullptr, .collection = {}};
+  AccessRule rule{.role = FromProto(option.role())};
+  rule.changes = rule.role >= Role::kOperator && !method.options().GetExtension(google::api::http).has_get();
   ORBITUNE_CHECK(rule.role != Role::kNone);
   if (option.owned().empty()) return rule;
+  ORBITUNE_CHECK(!method.server_streaming());  // an owner is looked up where that may block
   const std::size_t equals = option.owned().find('=');
   ORBITUNE_CHECK(equals != std::string::npos && option.owned().ends_with("/*"));
   rule.owned = method.input_type()->FindFieldByName(option.owned().substr(0, equals));

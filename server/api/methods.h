@@ -19,6 +19,7 @@ namespace orbitune {
 // The method's option orbitune.v1.access.
 struct AccessRule {
   Role role = Role::kNone;                                   // the least that may call
+  bool changes = false;                                      // something: for the audit log
   const google::protobuf::FieldDescriptor* owned = nullptr;  // of the request: names what must be the caller's
   std::string collection;                                    // that it names one of: "jobs"
 };
@@ -82,6 +83,16 @@ class MethodTable {
     Method entry = {.request = &Request::default_instance(), .response = &Response::default_instance()};
     entry.open = [api, method](const google::protobuf::Message& request, const CallContext&) {
       return (api->*method)(static_cast<const Request&>(request));
+    };
+    Insert(name, std::move(entry));
+  }
+
+  template <typename Response, typename Api, typename Request>
+  void AddStream(std::string_view name, Api* api,
+                 std::shared_ptr<Feed> (Api::*method)(const Request&, const CallContext&)) {
+    Method entry = {.request = &Request::default_instance(), .response = &Response::default_instance()};
+    entry.open = [api, method](const google::protobuf::Message& request, const CallContext& context) {
+      return (api->*method)(static_cast<const Request&>(request), context);
     };
     Insert(name, std::move(entry));
   }

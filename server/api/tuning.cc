@@ -32,6 +32,7 @@ absl::Status TuningApi::CreateJob(const v1::CreateJobRequest& request, v1::Job* 
   auto job = FromProto(request.job());
   if (!job.ok()) return job.status();
   job->owner = context.caller.owner();
+  job->peer = context.caller.peer;
   return Answer(use_cases_.CreateJob(*job, request.request_id(), request.validate_only()), out);
 }
 
@@ -68,8 +69,8 @@ absl::Status TuningApi::DeleteJob(const v1::DeleteJobRequest& request, google::p
 
 std::shared_ptr<Feed> TuningApi::WatchJob(const v1::WatchJobRequest& request) { return NewJobFeed(request, context_); }
 
-std::shared_ptr<Feed> TuningApi::VerifyJob(const v1::VerifyJobRequest& request) {
-  return NewVerifyFeed(request, context_);
+std::shared_ptr<Feed> TuningApi::VerifyJob(const v1::VerifyJobRequest& request, const CallContext& context) {
+  return NewVerifyFeed(request, context.caller, context_);
 }
 
 absl::Status TuningApi::ListIterations(const v1::ListIterationsRequest& request, v1::ListIterationsResponse* out) {

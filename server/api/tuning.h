@@ -24,7 +24,7 @@ class TuningApi {
   absl::Status ResumeJob(const v1::ResumeJobRequest& request, v1::Job* out);
   absl::Status DeleteJob(const v1::DeleteJobRequest& request, google::protobuf::Empty* out);
   std::shared_ptr<Feed> WatchJob(const v1::WatchJobRequest& request);
-  std::shared_ptr<Feed> VerifyJob(const v1::VerifyJobRequest& request);
+  std::shared_ptr<Feed> VerifyJob(const v1::VerifyJobRequest& request, const CallContext& context);
   absl::Status ListIterations(const v1::ListIterationsRequest& request, v1::ListIterationsResponse* out);
 
   const JobFeedContext context_;

@@ -15,18 +15,19 @@ constexpr std::chrono::milliseconds kProgressPeriod{250};
 // Everything is decided under mutex_; the verification runs in a task of its own, which ends soon after the feed.
 class VerifyFeed final : public Feed {
  public:
-  VerifyFeed(const v1::VerifyJobRequest& request, const JobFeedContext& context)
-      : request_(request), context_(context) {}
+  VerifyFeed(const v1::VerifyJobRequest& request, std::string client, const JobFeedContext& context)
+      : request_(request), client_(std::move(client)), context_(context) {}
   ~VerifyFeed() override { context_.feeds.Remove(this); }
 
   void Next(std::size_t limit, Taken taken) override {
     std::unique_lock lock(mutex_);
     ORBITUNE_CHECK(taken_ == nullptr && limit > 0);
     taken_ = std::move(taken);
-    if (!std::exchange(begun_, true) && !end_ &&
-        !context_.executors.For(Work::kVerify)
-             .TryPost([self = std::static_pointer_cast<VerifyFeed>(shared_from_this())] { self->Verify(); })) {
-      end_ = absl::ResourceExhaustedError("too many verifications are waiting");
+    if (!std::exchange(begun_, true) && !end_) {
+      absl::Status posted =
+          context_.executors.For(Work::kVerify)
+              .TryPost(client_, [self = std::static_pointer_cast<VerifyFeed>(shared_from_this())] { self->Verify(); });
+      if (!posted.ok()) end_ = std::move(posted);
     }
     Step(std::move(lock));
   }
@@ -84,6 +85,7 @@ class VerifyFeed final : public Feed {
 
   // Constant after construction.
   const v1::VerifyJobRequest request_;
+  const std::string client_;
   const JobFeedContext context_;
 
   std::mutex mutex_;
@@ -97,8 +99,9 @@ class VerifyFeed final : public Feed {
 
 }  // namespace
 
-std::shared_ptr<Feed> NewVerifyFeed(const v1::VerifyJobRequest& request, const JobFeedContext& context) {
-  auto feed = std::make_shared<VerifyFeed>(request, context);
+std::shared_ptr<Feed> NewVerifyFeed(const v1::VerifyJobRequest& request, const Caller& caller,
+                                    const JobFeedContext& context) {
+  auto feed = std::make_shared<VerifyFeed>(request, caller.client(), context);
   context.feeds.Add(feed);
   return feed;
 }

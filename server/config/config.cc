@@ -37,6 +37,13 @@ std::string DefaultWebDir() {
   return (std::filesystem::exists(installed, error) ? installed : binary.parent_path() / "web").string();
 }
 
+// "ORBITUNE_MAX_RUNNING_JOBS" of "max-running-jobs".
+std::string EnvironmentNameOf(const std::string& option) {
+  std::string name = "ORBITUNE_";
+  for (const char c : option) name += c == '-' ? '_' : static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  return name;
+}
+
 // CLI11 has a file's values win over the environment's: leaves out of the file what the environment says.
 class EnvironmentFirst : public CLI::ConfigBase {
  public:
@@ -48,12 +55,63 @@ class EnvironmentFirst : public CLI::ConfigBase {
 
  private:
   static bool InEnvironment(const std::string& option) {
-    std::string name = "ORBITUNE_";
-    for (const char c : option) name += c == '-' ? '_' : static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
-    const char* value = std::getenv(name.c_str());
+    const char* value = std::getenv(EnvironmentNameOf(option).c_str());
     return value != nullptr && *value != '\0';
   }
 };
+
+// "--max-running-jobs" and ORBITUNE_MAX_RUNNING_JOBS.
+void AddNumber(CLI::App& app, const std::string& name, int& value, int least, int most, const char* description) {
+  app.add_option("--" + name, value, description)
+      ->envname(EnvironmentNameOf(name))
+      ->check(CLI::Range(least, most))
+      ->capture_default_str();
+}
+
+// What is beyond them is refused with RESOURCE_EXHAUSTED (over HTTP 429), which names the option and its value.
+void AddLimits(CLI::App& app, ServerConfig& config) {
+  constexpr int kMost = 10'000'000;
+  AddNumber(app, "max-running-jobs", config.max_running_jobs, 1, 10'000,
+            "Jobs that share the workers; the others wait, but for the first of each client: up to twice as many run");
+  AddNumber(app, "max-queued-jobs", config.max_queued_jobs, 1, kMost,
+            "Jobs that may wait to begin; half of them a client's");
+  AddNumber(app, "max-jobs-per-client", config.max_jobs_per_client, 1, kMost,
+            "Unfinished jobs of one client, those of campaigns left out");
+  AddNumber(app, "max-campaigns-per-client", config.max_campaigns_per_client, 1, kMost,
+            "Unfinished campaigns of one client");
+  AddNumber(app, "max-job-memory-mib", config.max_job_memory_mib, 1, 1 << 20,
+            "Memory for what unfinished jobs are made of; half of it a client's");
+  AddNumber(app, "max-calls-waiting", config.max_calls_waiting, 1, kMost, "Calls of one kind that wait for a thread");
+  AddNumber(app, "max-calls-waiting-per-client", config.max_calls_waiting_per_client, 1, kMost, "Those of one client");
+  AddNumber(app, "max-waiting-mib", config.max_waiting_mib, 1, 1 << 20,
+            "Memory for large requests that have not been answered");
+  AddNumber(app, "max-episode-calls", config.max_episode_calls, 1, 1024,
+            "Calls at a time that fly episodes: SimulateEpisode, QueryGains that refines");
+  AddNumber(app, "max-verifications", config.max_verifications, 1, 1024, "Jobs verified at a time");
+  AddNumber(app, "max-request-bytes", config.max_request_bytes, 1024, 1 << 30, "Largest request over gRPC");
+  AddNumber(app, "max-response-bytes", config.max_response_bytes, 1024, 1 << 30, "Largest answer to a call");
+  AddNumber(app, "max-watchers", config.max_watchers, 1, 1'000'000, "Streams open at a time");
+  AddNumber(app, "max-watchers-per-client", config.max_watchers_per_client, 1, 1'000'000, "Those of one client");
+  AddNumber(app, "max-streams-per-connection", config.max_streams_per_connection, 1, 1'000'000,
+            "Calls at a time on one gRPC connection; a client waits with what comes beyond");
+  AddNumber(app, "grpc-memory-mib", config.grpc_memory_mib, 16, 1 << 20,
+            "Memory that gRPC may keep for connections and messages, those for slow watchers among them");
+}
+
+void AddLogOptions(CLI::App& app, ServerConfig& config) {
+  app.add_option("--log-format", config.log_format, "Of the log on standard error: text or json, a line per event")
+      ->envname("ORBITUNE_LOG_FORMAT")
+      ->check(CLI::IsMember({"text", "json"}))
+      ->capture_default_str();
+  app.add_option("--log-level", config.log_level, "debug (every call), info, warning or error")
+      ->envname("ORBITUNE_LOG_LEVEL")
+      ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
+      ->capture_default_str();
+  app.add_option("--log-slow-call-s", config.log_slow_call_s, "Seconds after which a call is logged as slow")
+      ->envname("ORBITUNE_LOG_SLOW_CALL_S")
+      ->check(CLI::Range(0.0, 86'400.0))
+      ->capture_default_str();
+}
 
 void AddHttpOptions(CLI::App& app, ServerConfig& config) {
   app.add_option("--web-dir", config.web_dir, "The dashboard's files; need not exist")
@@ -63,7 +121,7 @@ void AddHttpOptions(CLI::App& app, ServerConfig& config) {
                  "SCHEME://HOST[:PORT] of a page from elsewhere that may call this server; may be given again; *: all")
       ->envname("ORBITUNE_HTTP_CORS_ORIGIN")
       ->check(CheckOrigin);
-  app.add_option("--http-max-connections", config.http_max_connections, "HTTP connections at a time; more get 503")
+  app.add_option("--http-max-connections", config.http_max_connections, "HTTP connections at a time; more get 429")
       ->envname("ORBITUNE_HTTP_MAX_CONNECTIONS")
       ->check(CLI::Range(1, 100'000))
       ->capture_default_str();
@@ -75,6 +133,8 @@ void AddHttpOptions(CLI::App& app, ServerConfig& config) {
       ->envname("ORBITUNE_HTTP_MAX_BODY_BYTES")
       ->check(CLI::Range(1024, 64 << 20))
       ->capture_default_str();
+  AddNumber(app, "http-max-bodies-bytes", config.http_max_bodies_bytes, 1024, 1 << 30,
+            "Bodies of all HTTP requests that are being received");
   const auto add_time = [&](const char* name, double& value_s, const char* environment, const char* description) {
     app.add_option(name, value_s, description)
         ->envname(environment)
@@ -185,10 +245,8 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, const std::
       ->envname("ORBITUNE_THREADS")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
-  app.add_option("--max-running-jobs", config.max_running_jobs, "Jobs that share the workers; the others wait")
-      ->envname("ORBITUNE_MAX_RUNNING_JOBS")
-      ->check(CLI::Range(1, 10'000))
-      ->capture_default_str();
+  AddLimits(app, config);
+  AddLogOptions(app, config);
   app.add_option("--simd", config.simd, "Instruction set of the episode kernel: auto, avx512, avx2 or baseline")
       ->envname("ORBITUNE_SIMD")
       ->check(CLI::IsMember({"auto", "avx512", "avx2", "baseline"}))

@@ -126,6 +126,7 @@ absl::StatusOr<CampaignRequest> FromProto(const v1::Campaign& campaign) {
   v1::Job job;
   job.set_display_name(campaign.display_name());
   *job.mutable_labels() = campaign.labels();
+  job.set_priority(campaign.priority());
   job.set_scenario(campaign.scenario());
   if (campaign.has_scenario_definition()) *job.mutable_scenario_definition() = campaign.scenario_definition();
   *job.mutable_hyperparameters() = campaign.hyperparameters();
@@ -176,6 +177,7 @@ void ToProto(const CampaignRecord& record, v1::Campaign* out) {
   SetDraw(spec.held_out_draws, out->mutable_held_out());
   out->set_tune_held_out(spec.tune_held_out);
   out->set_owner(spec.owner);
+  out->set_priority(spec.priority);
   if (spec.robust) {
     ToProto(spec.robust->search, out->mutable_robust()->mutable_hyperparameters());
     ToProto(spec.robust->objective, out->mutable_robust()->mutable_objective());

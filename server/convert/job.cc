@@ -161,6 +161,7 @@ absl::StatusOr<NewJob> FromProto(const v1::Job& job) {
   NewJob created;
   created.display_name = job.display_name();
   created.labels = {job.labels().begin(), job.labels().end()};
+  created.priority = job.priority();
   auto scenario = ChoiceFromProto(job.scenario(), job.has_scenario_definition(), job.scenario_definition());
   if (!scenario.ok()) {
     FieldErrors errors;
@@ -259,6 +260,7 @@ void ToProto(const JobRecord& record, v1::Job* out) {
   out->set_warm_start(spec.warm_start);
   if (!spec.campaign_id.empty()) out->set_campaign(absl::StrCat("campaigns/", spec.campaign_id));
   out->set_owner(spec.owner);
+  out->set_priority(spec.priority);
   ToProto(spec.scenario.search, out->mutable_hyperparameters());
   if (record.id.empty()) return;
   out->set_name(absl::StrCat("jobs/", record.id));

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <cstdio>
 #include <future>
 #include <latch>
 #include <set>
@@ -11,6 +10,8 @@
 #include "absl/strings/str_cat.h"
 #include "server/jobs/campaign_results.h"
 #include "server/jobs/gain_sets.h"
+#include "server/jobs/limit.h"
+#include "server/log/log.h"
 #include "storage/serialise.h"
 
 namespace orbitune {
@@ -76,9 +77,14 @@ std::string EtagOf(const CampaignRecord& record) { return absl::StrCat(record.id
 // An unfinished campaign, as of the newest event queued at the store. Guarded by mutex_, but for what is atomic.
 struct CampaignEngine::Entry {
   explicit Entry(const CampaignRecord& record)
-      : id(record.id), state(record.state), last_seq(record.last_seq), state_changes(record.state_changes) {}
+      : id(record.id),
+        client(ClientOf(record.spec)),
+        state(record.state),
+        last_seq(record.last_seq),
+        state_changes(record.state_changes) {}
 
   const std::string id;
+  const std::string client;
   CampaignState state;
   std::int64_t last_seq;
   std::int64_t state_changes;
@@ -103,8 +109,13 @@ CampaignEngine::Subscription::~Subscription() {
 }
 
 CampaignEngine::CampaignEngine(JobStore& jobs, CampaignStore& store, Scheduler& scheduler, EventHub& hub,
-                               GainLibrary* library)
-    : jobs_(jobs), store_(store), scheduler_(scheduler), hub_(hub), library_(library) {
+                               GainLibrary* library, int max_campaigns_per_client)
+    : jobs_(jobs),
+      store_(store),
+      scheduler_(scheduler),
+      hub_(hub),
+      library_(library),
+      max_campaigns_per_client_(max_campaigns_per_client) {
   hub_.SetObserver([this](const std::string& job_id, const JobEvent& event) { OnJobEvent(job_id, event); });
 }
 
@@ -254,8 +265,8 @@ void CampaignEngine::ChangeState(Entry& entry, CampaignEnd end, CampaignStore::D
                          if (gain_set && library_ != nullptr) AddToLibrary({&*gain_set, 1}, *library_);
                          WakeWatchers(id);
                        } else if (!absl::IsUnavailable(status)) {
-                         std::fprintf(stderr, "orbituned: campaigns/%s: a change of state was refused: %s\n",
-                                      id.c_str(), std::string(status.message()).c_str());
+                         Log(LogLevel::kError, "a change of state was refused",
+                             {{"campaign", id}, {"error", std::string(status.message())}});
                        }
                        done(std::move(status));
                      });
@@ -316,7 +327,33 @@ std::optional<CampaignEnd> CampaignEngine::Evaluate(const Entry& entry) {
   return end;
 }
 
+absl::Status CampaignEngine::CheckCount(const std::string& client) {
+  const std::lock_guard lock(mutex_);
+  const auto is_clients = [&client](const auto& entry) { return entry.second->client == client; };
+  if (std::ranges::count_if(entries_, is_clients) < max_campaigns_per_client_) return absl::OkStatus();
+  return LimitExceeded("unfinished campaigns of one client", {"max-campaigns-per-client", max_campaigns_per_client_},
+                       "try again when one has ended");
+}
+
+// Nothing where there are no jobs. The members' jobs are alike, but for a robust one, which is as large as they are.
+absl::StatusOr<std::optional<Scheduler::Room>> CampaignEngine::ReserveFor(const std::vector<NewMember>& members) {
+  const auto jobs = std::ranges::count_if(members, [](const NewMember& m) { return m.job.has_value(); });
+  if (jobs == 0) return std::nullopt;
+  auto room =
+      scheduler_.Reserve(*std::ranges::find_if(members, [](const NewMember& m) { return m.job.has_value(); })->job,
+                         static_cast<int>(jobs));
+  if (!room.ok()) return room.status();
+  return std::optional(*std::move(room));
+}
+
 absl::StatusOr<CampaignRecord> CampaignEngine::Create(NewCampaign campaign) {
+  const std::lock_guard transition(transitions_);
+  auto earlier = store_.FindRequest(campaign.request_id, campaign.request_digest);
+  if (!earlier.ok()) return earlier.status();
+  if (*earlier) return **std::move(earlier);
+  if (absl::Status status = CheckCount(ClientOf(campaign.spec)); !status.ok()) return status;
+  const auto room = ReserveFor(campaign.members);
+  if (!room.ok()) return room.status();
   auto written = Await<absl::StatusOr<WrittenCampaign>>(
       [&](CampaignStore::Written done) { store_.CreateCampaign(std::move(campaign), std::move(done)); });
   if (!written.ok()) return written.status();
@@ -349,6 +386,9 @@ absl::StatusOr<CampaignRecord> CampaignEngine::Extend(const std::string& id, con
   if (absl::Status status = CheckCampaignEtag(id, record->state_changes, etag); !status.ok()) return status;
   auto extension = make(*record);
   if (!extension.ok()) return extension.status();
+  if (absl::Status status = CheckCount(ClientOf(record->spec)); !status.ok()) return status;
+  const auto room = ReserveFor(extension->members);
+  if (!room.ok()) return room.status();
   extension->id = id;
   extension->seq = record->last_seq + 1;
   extension->change.time_us = NowUs();

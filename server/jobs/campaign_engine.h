@@ -43,9 +43,9 @@ class CampaignEngine {
   };
 
   // All outlive this; jobs must not be running yet. store: of the campaigns, in `jobs`' place.
-  // library: is told of every mean of gains, once it is stored; nullptr: none.
+  // library: is told of every mean of gains, once it is stored; nullptr: none. max_campaigns_per_client: unfinished.
   CampaignEngine(JobStore& jobs, CampaignStore& store, Scheduler& scheduler, EventHub& hub,
-                 GainLibrary* library = nullptr);
+                 GainLibrary* library = nullptr, int max_campaigns_per_client = 100);
   CampaignEngine(const CampaignEngine&) = delete;
   CampaignEngine& operator=(const CampaignEngine&) = delete;
   ~CampaignEngine();  // stops; the scheduler must have stopped before
@@ -56,7 +56,8 @@ class CampaignEngine {
   // Ends comparisons under way, to be made again by the next Start of a process. Before the scheduler's.
   void Stop();
 
-  // The campaign created, or the one that an earlier call with the same request id created. Errors: the store's.
+  // The campaign created, or the one that an earlier call with the same request id created. Errors: the store's;
+  // RESOURCE_EXHAUSTED where the client has too many campaigns, or there is no room for the jobs.
   absl::StatusOr<CampaignRecord> Create(NewCampaign campaign);
 
   // What is to be added to a campaign, given as it is: its spec from now on, members, and the change's message.
@@ -80,6 +81,8 @@ class CampaignEngine {
   using EntryPtr = std::shared_ptr<Entry>;
   using JobTransition = void (Scheduler::*)(const std::string&, const std::string&, Scheduler::Done);
 
+  absl::Status CheckCount(const std::string& client);
+  absl::StatusOr<std::optional<Scheduler::Room>> ReserveFor(const std::vector<NewMember>& members);
   absl::Status TakeUp(const CampaignRecord& record, const std::map<std::string, JobRecord>& unfinished);
   void TellJobs(const std::vector<JobRecord>& unfinished);
   void AddEntry(const CampaignRecord& record, const std::vector<std::pair<std::string, MemberId>>& jobs);
@@ -103,6 +106,7 @@ class CampaignEngine {
   Scheduler& scheduler_;
   EventHub& hub_;
   GainLibrary* const library_;
+  const int max_campaigns_per_client_;
 
   std::mutex transitions_;  // held through a call that changes something; before mutex_
 

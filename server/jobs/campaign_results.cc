@@ -104,7 +104,7 @@ class Flights {
       if (cancelled()) return absl::CancelledError("the comparison of gains is not wanted any more");
       FlySome(std::span(flights_).subspan(begin, std::min(kEpisodesAtOnce, flights_.size() - begin)), cancelled);
     }
-    return absl::OkStatus();
+    return cancelled() ? absl::CancelledError("the comparison of gains is not wanted any more") : absl::OkStatus();
   }
 
  private:
@@ -120,7 +120,7 @@ class Flights {
     std::vector<BatchEpisode> episodes;
     for (const Flight& f : flights) episodes.push_back({.problem = &f.prepared->problem, .gains = f.gains});
     std::vector<EpisodeResult> results(flights.size());
-    SimulateBatch(episodes, results);
+    SimulateBatch(episodes, results, cancelled);
     for (std::size_t i = 0; i < flights.size(); ++i) {
       const Flight& f = flights[i];
       MemberEpisode episode{.choice = f.choice, .gains = f.gains, .outcome = results[i].outcome};

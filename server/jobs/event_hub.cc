@@ -57,6 +57,12 @@ EventHub::Recent EventHub::After(const std::string& job_id, std::int64_t after_s
   return {.events = {begin, begin + count}, .complete = true};
 }
 
+std::int64_t EventHub::LastSeq(const std::string& job_id) const {
+  const std::lock_guard lock(mutex_);
+  const auto channel = channels_.find(job_id);
+  return channel == channels_.end() || channel->second.recent.empty() ? 0 : channel->second.recent.back()->seq;
+}
+
 void EventHub::Forget(const std::string& job_id) {
   const std::lock_guard lock(mutex_);
   const auto channel = channels_.find(job_id);

@@ -57,6 +57,9 @@ class EventHub {
   // The kept events after `after_seq`, at most `limit`. Not complete where the next one may be the store's alone.
   Recent After(const std::string& job_id, std::int64_t after_seq, std::size_t limit) const;
 
+  // Of the newest event kept; 0: none is.
+  std::int64_t LastSeq(const std::string& job_id) const;
+
   // Lets go of a job's kept events; publications go on reaching its watchers.
   void Forget(const std::string& job_id);
 

@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <cstdio>
+#include <cmath>
+#include <limits>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check.h"
@@ -13,7 +14,9 @@
 #include "core/simd/engine.h"
 #include "core/simd/lane_kernel.h"
 #include "server/jobs/gain_sets.h"
+#include "server/jobs/limit.h"
 #include "server/jobs/report.h"
+#include "server/log/log.h"
 #include "storage/serialise.h"
 
 namespace orbitune {
@@ -30,6 +33,38 @@ constexpr std::chrono::milliseconds kQuickIteration(5);
 // How long a worker looks out for the next batch of a running job before it sleeps: waking costs more than most waits
 // last.
 constexpr std::chrono::microseconds kLookout(50);
+
+// Every so many jobs of a client that begin, the one that has waited longest, whatever its priority.
+constexpr std::uint64_t kOldestEvery = 8;
+
+// Who had nothing to fly for a while catches up by no more than so many steps: a tenth of a second of a worker's time.
+constexpr double kMostCredit = 200'000;
+
+// How much of the workers' time a job gets beside others of its client.
+double WeightOf(const JobSpec& spec) { return std::ldexp(1.0, spec.priority); }
+
+// About what an unfinished job keeps in memory.
+std::int64_t FootprintOf(const JobSpec& spec) {
+  std::size_t bytes = sizeof(JobRecord) + 1024 + spec.initial_conditions.size() * sizeof(OrbitState);
+  bytes += spec.display_name.size() + spec.scenario.display_name.size() + spec.scenario.description.size();
+  for (const auto& [key, value] : spec.labels) bytes += key.size() + value.size() + 128;
+  return static_cast<std::int64_t>(bytes);
+}
+
+void LogChange(const JobRecord& job) {
+  constexpr std::string_view kChanges[] = {"job queued", "job begun", "job paused",
+                                           "job ended",  "job ended", "job ended"};
+  const bool ended = IsTerminal(job.state);
+  const double seconds = static_cast<double>(job.end_time_us - job.start_time_us) * 1e-6;
+  Log(LogLevel::kInfo, kChanges[static_cast<std::size_t>(job.state)],
+      {{"job", job.id},
+       {"state", ended ? NameOf(job.state) : ""},
+       {"client", ClientOf(job.spec)},
+       {"campaign", job.spec.campaign_id},
+       {"iterations", job.completed_iterations()},
+       {"seconds", ended && job.start_time_us > 0 ? seconds : kUnset},
+       {"error", job.error_message}});
+}
 
 }  // namespace
 
@@ -83,6 +118,7 @@ struct Scheduler::Run {
     return search->Resume(*record.latest, record.checkpoint);
   }
 
+  std::atomic<bool> unwanted = false;  // by anybody: what it still flies may be broken off
   const std::vector<PreparedScenario> prepared;
   std::optional<EnsembleSearch> search;     // none in the report
   std::optional<IterationRecord> replayed;  // the first iteration must come out as this stored one
@@ -109,20 +145,25 @@ struct Scheduler::Run {
   }
 
   // The report's episodes go the whole horizon and have their effort measured.
-  void Simulate(std::size_t begin, std::size_t count) {
+  BatchUse Simulate(std::size_t begin, std::size_t count) {
+    const auto cancelled = [this] { return unwanted.load(std::memory_order_relaxed); };
     const std::span<EpisodeResult> out = std::span(results).subspan(begin, count);
     if (search) {
       std::vector<BatchEpisode> episodes;
       for (std::size_t e = begin; e < begin + count; ++e) episodes.push_back(EpisodeAt(e));
-      return SimulateBatch(episodes, out);
+      return SimulateBatch(episodes, out, cancelled);
     }
+    BatchUse use;
     for (std::size_t i = 0; i < count; ++i) {
       const std::size_t e = begin + i;
       const WatchedEpisode episode =
-          FlyWatched(prepared[e % prepared.size()].problem, report_gains[e / prepared.size()], {.early_exit = false});
+          FlyWatched(prepared[e % prepared.size()].problem, report_gains[e / prepared.size()],
+                     {.early_exit = false, .cancelled = cancelled});
       out[i] = episode.result;
+      use.scalar_steps += out[i].steps + out[i].rejected_steps;
       if (!episode.lyapunov_decreasing && e / prepared.size() + 1 == report_gains.size()) lyapunov_decreasing = false;
     }
+    return use;
   }
 
   // After a batch of the search.
@@ -165,7 +206,7 @@ struct Scheduler::Run {
 
   void FlyAtOnce(const Gains& gains, EpisodeResult& result) const {
     const BatchEpisode episode{.problem = &prepared[0].problem, .gains = gains};
-    SimulateBatch({&episode, 1}, {&result, 1});
+    SimulateBatch({&episode, 1}, {&result, 1}, [this] { return unwanted.load(std::memory_order_relaxed); });
   }
 
   // Why there is no cost under the first gains of the batch; empty if there is one.
@@ -193,15 +234,79 @@ struct Scheduler::Run {
 };
 
 struct Scheduler::Entry {
-  explicit Entry(JobRecord r) : record(std::move(r)) { ORBITUNE_CHECK(record.provenance.has_value()); }
+  Entry(JobRecord r, ClientPtr c) : record(std::move(r)), client(std::move(c)) {
+    ORBITUNE_CHECK(record.provenance.has_value());
+  }
 
   JobRecord record;  // as of the newest event queued at the store
+  const ClientPtr client;
   std::shared_ptr<Run> run;
   std::int64_t pairs_left_out = 0;
   int uncommitted = 0;
 
+  // While it waits.
+  struct Place {
+    int rank = 0;  // the highest priority has the least
+    std::uint64_t order = 0;
+    auto operator<=>(const Place&) const = default;
+  };
+  std::optional<Place> place;
+  std::chrono::steady_clock::time_point queued_at;
+
+  // In steps of the integrator, of a vector of episodes or of one: what the workers' time goes into, whatever the clock
+  // says of it.
+  double used = 0;         // over its weight
+  double chunk_steps = 0;  // what a chunk of it took lately
+
   bool HasWork(const Options& options) const {
     return run != nullptr && run->claimed < run->results.size() && uncommitted < options.max_uncommitted_iterations;
+  }
+};
+
+struct Scheduler::Client {
+  // Of one campaign's jobs, or of those that are part of none: by place, and by age alone.
+  struct Queue {
+    std::map<Entry::Place, EntryPtr> by_place;
+    std::map<std::uint64_t, EntryPtr> by_age;
+  };
+
+  std::vector<EntryPtr> running;
+  std::map<std::string, Queue> waiting;    // by campaign; none is empty
+  std::map<std::string, int> of_campaign;  // running jobs of each
+  std::uint64_t begun = 0;                 // jobs so far
+  std::uint64_t last_begun = 0;            // the number of the last one among all clients'
+  int jobs = 0;                            // unfinished, and room for some
+  int of_no_campaign = 0;                  // of them
+  std::int64_t job_bytes = 0;              // of them
+  double used = 0;                         // of the workers' time
+  double served = 0;                       // what its job served last had had
+
+  bool HasRoomFor(const std::string& campaign, int most_of_campaign) const {
+    const auto found = of_campaign.find(campaign);
+    return campaign.empty() || found == of_campaign.end() || found->second < most_of_campaign;
+  }
+
+  // The one to begin next; nullptr where none may.
+  EntryPtr NextWaiting(int most_of_campaign) const {
+    const bool oldest = begun % kOldestEvery == kOldestEvery - 1;
+    EntryPtr next;
+    for (const auto& [campaign, queue] : waiting) {
+      if (!HasRoomFor(campaign, most_of_campaign)) continue;
+      const EntryPtr& first = oldest ? queue.by_age.begin()->second : queue.by_place.begin()->second;
+      const bool before =
+          next == nullptr || (oldest ? first->place->order < next->place->order : *first->place < *next->place);
+      if (before) next = first;
+    }
+    return next;
+  }
+
+  // The running job to be served next; nullptr where none has work.
+  const EntryPtr* NextRunning(const Options& options) const {
+    const EntryPtr* next = nullptr;
+    for (const EntryPtr& entry : running) {
+      if ((next == nullptr || entry->used < (*next)->used) && entry->HasWork(options)) next = &entry;
+    }
+    return next;
   }
 };
 
@@ -210,6 +315,7 @@ struct Scheduler::Chunk {
   std::shared_ptr<Run> run;
   std::size_t begin = 0;
   std::size_t count = 0;
+  double charged = 0;  // for it, before it was flown
 };
 
 namespace {
@@ -244,12 +350,9 @@ absl::Status Scheduler::Start() {
     for (JobRecord& record : *unfinished) {
       const auto pairs_left_out = StoredPairsLeftOut(store_, record);
       if (!pairs_left_out.ok()) return pairs_left_out.status();
-      auto entry = std::make_shared<Entry>(std::move(record));
+      const EntryPtr entry = AddEntry(std::move(record));
       entry->pairs_left_out = *pairs_left_out;
-      entries_.emplace(entry->record.id, entry);
-      // One that ran when the last process ended goes before those that had not begun: the list is in order of
-      // creation, and jobs are begun in that order.
-      if (entry->record.state != JobState::kPaused) waiting_.push_back(entry);
+      if (entry->record.state != JobState::kPaused) PutIntoQueue(entry);
     }
     StartWaiting();
   }
@@ -261,6 +364,9 @@ void Scheduler::Stop() {
   {
     const std::lock_guard lock(mutex_);
     stopping_ = true;
+    for (const auto& [id, entry] : entries_) {
+      if (entry->run != nullptr) entry->run->unwanted = true;
+    }
   }
   Signal();
   for (std::thread& worker : workers_) worker.join();
@@ -268,36 +374,162 @@ void Scheduler::Stop() {
   store_.Flush();  // its callbacks point here
 }
 
+Scheduler::Room& Scheduler::Room::operator=(Room&& other) noexcept {
+  std::swap(scheduler_, other.scheduler_);
+  std::swap(client_, other.client_);
+  std::swap(jobs_, other.jobs_);
+  std::swap(of_no_campaign_, other.of_no_campaign_);
+  std::swap(bytes_, other.bytes_);
+  return *this;
+}
+
+Scheduler::Room::~Room() {
+  if (scheduler_ == nullptr) return;
+  const std::lock_guard lock(scheduler_->mutex_);
+  scheduler_->queued_ -= jobs_;
+  const ClientPtr client = scheduler_->clients_.at(client_);
+  scheduler_->Count(*client, -jobs_, -of_no_campaign_, -bytes_);
+  if (client->jobs == 0) scheduler_->clients_.erase(client_);
+}
+
+absl::StatusOr<Scheduler::Room> Scheduler::Reserve(const JobSpec& spec, int jobs) {
+  const JobLimits& limits = options_.limits;
+  const std::int64_t bytes = jobs * FootprintOf(spec);
+  const std::lock_guard lock(mutex_);
+  const auto found = clients_.find(ClientOf(spec));
+  const Client none;
+  const Client& client = found == clients_.end() ? none : *found->second;
+  constexpr std::string_view kLater = "try again when some have begun or ended";
+  if (queued_ + jobs > limits.max_queued_jobs) {
+    return LimitExceeded("jobs waiting to begin", {"max-queued-jobs", limits.max_queued_jobs}, kLater);
+  }
+  if (client.jobs + jobs > (limits.max_queued_jobs + 1) / 2) {
+    return LimitExceeded("unfinished jobs of one client, campaigns' included: half of what may wait in all",
+                         {"max-queued-jobs", limits.max_queued_jobs}, kLater);
+  }
+  if (spec.campaign_id.empty() && client.of_no_campaign + jobs > limits.max_jobs_per_client) {
+    return LimitExceeded("unfinished jobs of one client", {"max-jobs-per-client", limits.max_jobs_per_client}, kLater);
+  }
+  if (job_bytes_ + bytes > limits.max_job_memory_bytes || client.job_bytes + bytes > limits.max_job_memory_bytes / 2) {
+    return LimitExceeded("MiB of memory for unfinished jobs, a client's being half of that",
+                         {"max-job-memory-mib", limits.max_job_memory_bytes >> 20}, kLater);
+  }
+  Room room;
+  room.scheduler_ = this;
+  room.client_ = ClientOf(spec);
+  room.jobs_ = jobs;
+  room.of_no_campaign_ = spec.campaign_id.empty() ? jobs : 0;
+  room.bytes_ = bytes;
+  ClientPtr& counted = clients_[room.client_];
+  if (counted == nullptr) counted = std::make_shared<Client>();
+  queued_ += jobs;
+  Count(*counted, jobs, room.of_no_campaign_, bytes);
+  return room;
+}
+
 void Scheduler::Add(const JobRecord& created) {
   {
     const std::lock_guard lock(mutex_);
-    auto entry = std::make_shared<Entry>(created);
     // A repeated request may bring a job that is here already.
-    if (!entries_.emplace(created.id, entry).second) return;
-    waiting_.push_back(entry);
+    if (entries_.contains(created.id)) return;
+    PutIntoQueue(AddEntry(created));
     StartWaiting();
   }
   Signal();
 }
 
-// mutex_ held. Of one campaign only so many run at a time, so that it neither takes the whole ring nor ends all its
-// jobs at once; those behind them pass.
-void Scheduler::StartWaiting() {
-  const int most =
+JobCounts Scheduler::counts() {
+  const std::lock_guard lock(mutex_);
+  const auto in = [this](JobState state) { return by_state_[static_cast<std::size_t>(state)]; };
+  return {.queued = in(JobState::kQueued), .running = in(JobState::kRunning), .paused = in(JobState::kPaused)};
+}
+
+// mutex_ held.
+void Scheduler::Count(Client& client, int jobs, int of_no_campaign, std::int64_t bytes) {
+  client.jobs += jobs;
+  client.of_no_campaign += of_no_campaign;
+  client.job_bytes += bytes;
+  job_bytes_ += bytes;
+}
+
+// mutex_ held.
+Scheduler::EntryPtr Scheduler::AddEntry(JobRecord record) {
+  ClientPtr& client = clients_[ClientOf(record.spec)];
+  if (client == nullptr) client = std::make_shared<Client>();
+  Count(*client, 1, record.spec.campaign_id.empty() ? 1 : 0, FootprintOf(record.spec));
+  auto entry = std::make_shared<Entry>(std::move(record), client);
+  entries_.emplace(entry->record.id, entry);
+  ++by_state_[static_cast<std::size_t>(entry->record.state)];
+  return entry;
+}
+
+// mutex_ held.
+void Scheduler::Forget(EntryPtr entry) {
+  const JobSpec& spec = entry->record.spec;
+  entries_.erase(entry->record.id);
+  --by_state_[static_cast<std::size_t>(entry->record.state)];
+  Count(*entry->client, -1, spec.campaign_id.empty() ? -1 : 0, -FootprintOf(spec));
+  if (entry->client->jobs == 0) clients_.erase(ClientOf(spec));
+}
+
+// mutex_ held. One that ran when the last process ended goes before those that had not begun.
+void Scheduler::PutIntoQueue(const EntryPtr& entry) {
+  const JobSpec& spec = entry->record.spec;
+  const int rank = entry->record.state == JobState::kRunning ? std::numeric_limits<int>::min() : -spec.priority;
+  entry->place = {.rank = rank, .order = next_order_++};
+  entry->queued_at = std::chrono::steady_clock::now();
+  Client::Queue& queue = entry->client->waiting[spec.campaign_id];
+  queue.by_place.emplace(*entry->place, entry);
+  queue.by_age.emplace(entry->place->order, entry);
+  ++queued_;
+}
+
+// mutex_ held. Takes it out of what runs or waits.
+void Scheduler::Halt(Entry& entry) {
+  Client& client = *entry.client;
+  const std::string& campaign = entry.record.spec.campaign_id;
+  if (entry.place) {
+    const auto queue = client.waiting.find(campaign);
+    queue->second.by_place.erase(*entry.place);
+    queue->second.by_age.erase(entry.place->order);
+    if (queue->second.by_age.empty()) client.waiting.erase(queue);
+    entry.place.reset();
+    --queued_;
+  } else if (std::erase_if(client.running, [&](const EntryPtr& e) { return e.get() == &entry; }) > 0) {
+    if (--client.of_campaign.at(campaign) == 0) client.of_campaign.erase(campaign);
+    --running_;
+  }
+}
+
+// mutex_ held. nullptr where none may begin. Of one campaign only so many run at a time, so that it neither takes all
+// the room nor ends all its jobs at once; those behind them pass.
+Scheduler::EntryPtr Scheduler::TakeFromQueue() {
+  const int most_of_campaign =
       options_.max_running_of_campaign > 0 ? options_.max_running_of_campaign : std::max(4, 2 * options_.threads);
-  std::map<std::string, int> running;  // by campaign
-  for (const EntryPtr& entry : ring_) ++running[entry->record.spec.campaign_id];
-  for (auto next = waiting_.begin();
-       next != waiting_.end() && ring_.size() < static_cast<std::size_t>(options_.max_running_jobs);) {
-    const EntryPtr entry = *next;
-    const std::string& campaign = entry->record.spec.campaign_id;
-    if (!campaign.empty() && running[campaign] >= most) {
-      ++next;
-      continue;
-    }
-    ++running[campaign];
-    next = waiting_.erase(next);
-    ring_.push_back(entry);
+  EntryPtr next;
+  for (const auto& [name, client] : clients_) {
+    if (client->waiting.empty()) continue;
+    if (running_ >= options_.max_running_jobs * (client->running.empty() ? 2 : 1)) continue;
+    const auto turn = [](const Client& c) { return std::pair(c.running.size(), c.last_begun); };
+    if (next != nullptr && turn(*client) >= turn(*next->client)) continue;
+    if (EntryPtr of_client = client->NextWaiting(most_of_campaign)) next = std::move(of_client);
+  }
+  if (next != nullptr) Halt(*next);
+  return next;
+}
+
+// mutex_ held.
+void Scheduler::StartWaiting() {
+  while (const EntryPtr entry = TakeFromQueue()) {
+    Client& client = *entry->client;
+    // What others had meanwhile is theirs.
+    if (client.running.empty()) client.used = std::max(client.used, served_);
+    entry->used = std::max(entry->used, client.served);
+    client.running.push_back(entry);
+    ++client.of_campaign[entry->record.spec.campaign_id];
+    ++running_;
+    ++client.begun;
+    client.last_begun = ++begun_;
     Begin(*entry);
   }
 }
@@ -305,7 +537,7 @@ void Scheduler::StartWaiting() {
 // mutex_ held.
 void Scheduler::Begin(Entry& entry) {
   const auto fail = [&](const absl::Status& status) {
-    RemoveFromRing(entry);
+    Halt(entry);
     ChangeState(entry, {.state = JobState::kFailed, .message = std::string(status.message())}, {});
   };
   // The spec was validated when the job was created.
@@ -319,13 +551,10 @@ void Scheduler::Begin(Entry& entry) {
   if (absl::Status status = run->Start(entry.record); !status.ok()) return fail(status);
   entry.run = std::move(run);
   entry.run->NextBatch(entry.record);
-  if (entry.record.state != JobState::kRunning) ChangeState(entry, {.state = JobState::kRunning}, {});
-}
-
-// mutex_ held.
-void Scheduler::RemoveFromRing(const Entry& entry) {
-  std::erase_if(ring_, [&](const EntryPtr& e) { return e.get() == &entry; });
-  std::erase_if(waiting_, [&](const EntryPtr& e) { return e.get() == &entry; });
+  if (entry.record.state == JobState::kRunning) return;  // before the last process ended
+  metrics_.queue_wait_s.Observe(
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - entry.queued_at).count());
+  ChangeState(entry, {.state = JobState::kRunning}, {});
 }
 
 void Scheduler::WorkerLoop() {
@@ -333,12 +562,32 @@ void Scheduler::WorkerLoop() {
   Chunk chunk;
   while (AwaitChunk(chunk, lock)) {
     lock.unlock();
-    chunk.run->Simulate(chunk.begin, chunk.count);
+    const BatchUse use = chunk.run->Simulate(chunk.begin, chunk.count);
+    metrics_.episodes += static_cast<std::int64_t>(chunk.count);
+    metrics_.lane_steps += use.lane_steps;
+    metrics_.used_lane_steps += use.used_lane_steps;
     lock.lock();
+    Account(chunk, use);
     chunk.run->finished += chunk.count;
-    if (chunk.run->finished == chunk.run->results.size()) FinishBatch(chunk, lock);
+    if (chunk.run->finished == chunk.run->results.size() && !chunk.run->unwanted) FinishBatch(chunk, lock);
     chunk = {};
   }
+}
+
+// mutex_ held.
+void Scheduler::Charge(Entry& entry, double steps) {
+  entry.used += steps / WeightOf(entry.record.spec);
+  entry.client->used += steps;
+}
+
+// mutex_ held. A chunk is charged for as it is taken, by what they took lately, so that other threads see it; here by
+// what it really took.
+void Scheduler::Account(const Chunk& chunk, const BatchUse& use) {
+  const double steps = static_cast<double>(use.lane_steps) / static_cast<double>(simd::LaneCount()) +
+                       static_cast<double>(use.scalar_steps);
+  Entry& entry = *chunk.entry;
+  Charge(entry, steps - chunk.charged);
+  entry.chunk_steps = entry.chunk_steps == 0 ? steps : 0.75 * entry.chunk_steps + 0.25 * steps;
 }
 
 // False: the scheduler is stopping.
@@ -347,7 +596,7 @@ bool Scheduler::AwaitChunk(Chunk& chunk, Lock& lock) {
     if (stopping_) return false;
     if (NextChunk(chunk)) return true;
     const std::uint64_t seen = signals_;
-    if (!ring_.empty()) {
+    if (running_ > 0) {
       lock.unlock();
       const auto end = std::chrono::steady_clock::now() + kLookout;
       while (signals_ == seen && std::chrono::steady_clock::now() < end) std::this_thread::yield();
@@ -365,24 +614,32 @@ void Scheduler::Signal() {
 
 // mutex_ held.
 bool Scheduler::NextChunk(Chunk& chunk) {
-  for (std::size_t tried = 0; tried < ring_.size(); ++tried) {
-    EntryPtr entry = ring_.front();
-    ring_.pop_front();
-    ring_.push_back(entry);
-    if (!entry->HasWork(options_)) continue;
-    Run& run = *entry->run;
-    // An equal share of the batch for each worker, so that a single job has all of them; in whole vectors.
-    const std::size_t threads = static_cast<std::size_t>(options_.threads);
-    const std::size_t lanes = simd::LaneCount();
-    const std::size_t share = (run.results.size() - run.put_off + threads * lanes - 1) / (threads * lanes) * lanes;
-    chunk = {.entry = entry,
-             .run = entry->run,
-             .begin = run.claimed,
-             .count = std::min({share, kLargestChunk, run.results.size() - run.claimed})};
-    run.claimed += chunk.count;
-    return true;
+  const EntryPtr* next = nullptr;
+  for (const auto& [name, client] : clients_) {
+    if (next != nullptr && client->used >= (*next)->client->used) continue;
+    if (const EntryPtr* of_client = client->NextRunning(options_)) next = of_client;
   }
-  return false;
+  if (next == nullptr) return false;
+  Entry& entry = **next;
+  Run& run = *entry.run;
+  // An equal share of the batch for each worker, so that a single job has all of them; in whole vectors.
+  const std::size_t threads = static_cast<std::size_t>(options_.threads);
+  const std::size_t lanes = simd::LaneCount();
+  const std::size_t share = (run.results.size() - run.put_off + threads * lanes - 1) / (threads * lanes) * lanes;
+  chunk = {.entry = *next,
+           .run = entry.run,
+           .begin = run.claimed,
+           .count = std::min({share, kLargestChunk, run.results.size() - run.claimed}),
+           .charged = entry.chunk_steps};
+  run.claimed += chunk.count;
+  const auto take = [](double& served, double& used) {
+    served = std::max(served, used);
+    used = std::max(used, served - kMostCredit);
+  };
+  take(served_, entry.client->used);
+  take(entry.client->served, entry.used);
+  Charge(entry, chunk.charged);
+  return true;
 }
 
 void Scheduler::FinishBatch(const Chunk& last, Lock& lock) {
@@ -393,8 +650,8 @@ void Scheduler::FinishBatch(const Chunk& last, Lock& lock) {
     lock.unlock();
     BatchOutcome outcome = run.FinishSearchBatch();
     lock.lock();
-    // Else paused or cancelled meanwhile.
-    if (entry.run == last.run) FinishIterations(entry, run, std::move(outcome));
+    // Else paused or cancelled meanwhile, or the scheduler stops: what it flew for a message may have been broken off.
+    if (entry.run == last.run && !run.unwanted) FinishIterations(entry, run, std::move(outcome));
   } else if (entry.run == last.run) {
     FinishReport(entry, run);
   }
@@ -404,7 +661,7 @@ void Scheduler::FinishBatch(const Chunk& last, Lock& lock) {
 // mutex_ held.
 void Scheduler::FinishIterations(Entry& entry, Run& run, BatchOutcome outcome) {
   const auto fail = [&](std::string message) {
-    RemoveFromRing(entry);
+    Halt(entry);
     ChangeState(entry, {.state = JobState::kFailed, .message = std::move(message)}, {});
     StartWaiting();
   };
@@ -444,6 +701,7 @@ void Scheduler::Append(Entry& entry, IterationRecord record, Continuation contin
   const auto done = [this, self, id = job.id, seq, record](const absl::Status& s) {
     if (s.ok()) {
       hub_.Publish(id, {.seq = seq, .what = record});
+      ++metrics_.iterations;
     } else {
       Refused(self, s);
     }
@@ -457,9 +715,15 @@ void Scheduler::FinishReport(Entry& entry, Run& run) {
   StateChange change{.state = JobState::kSucceeded};
   change.report = BuildReport(entry.record, run.prepared, run.results, entry.pairs_left_out);
   change.gain_set = MakeGainSet(entry.record, run.prepared.front(), *change.report, run.lyapunov_decreasing, NowUs());
-  RemoveFromRing(entry);
+  Halt(entry);
   ChangeState(entry, std::move(change), {});
   StartWaiting();
+}
+
+// mutex_ held.
+void Scheduler::DropRun(Entry& entry) {
+  if (entry.run != nullptr) entry.run->unwanted = true;
+  entry.run.reset();
 }
 
 void Scheduler::Committed(const EntryPtr& entry) {
@@ -476,17 +740,19 @@ void Scheduler::Refused(const EntryPtr& entry, const absl::Status& status) {
   const std::lock_guard lock(mutex_);
   const auto found = entries_.find(entry->record.id);
   if (found == entries_.end() || found->second != entry) return;
-  std::fprintf(stderr, "orbituned: jobs/%s: a write was refused, it is let go of until the next start: %s\n",
-               entry->record.id.c_str(), std::string(status.message()).c_str());
-  RemoveFromRing(*entry);
-  entry->run.reset();
-  entries_.erase(found);
+  Log(LogLevel::kError, "a write was refused; the job is let go of until the next start",
+      {{"job", entry->record.id}, {"error", std::string(status.message())}});
+  Halt(*entry);
+  DropRun(*entry);
+  Forget(entry);
 }
 
 // mutex_ held; the entry is in the right lists already.
 void Scheduler::ChangeState(Entry& entry, StateChange change, Done done) {
   JobRecord& job = entry.record;
   change.time_us = NowUs();
+  --by_state_[static_cast<std::size_t>(job.state)];
+  ++by_state_[static_cast<std::size_t>(change.state)];
   job.state = change.state;
   job.update_time_us = change.time_us;
   if (job.state == JobState::kRunning && job.start_time_us == 0) job.start_time_us = change.time_us;
@@ -495,19 +761,22 @@ void Scheduler::ChangeState(Entry& entry, StateChange change, Done done) {
   job.report = change.report;
   ++job.state_changes;
   const std::int64_t seq = ++job.last_seq;
-  if (job.state != JobState::kRunning) entry.run.reset();
+  if (job.state != JobState::kRunning) DropRun(entry);
   store_.ChangeState(job.id, seq, change, [this, job, change, done = std::move(done)](const absl::Status& status) {
     if (status.ok()) {
       if (change.gain_set && options_.library != nullptr) AddToLibrary({&*change.gain_set, 1}, *options_.library);
       hub_.Publish(job.id, {.seq = job.last_seq, .what = change});
+      if (IsTerminal(job.state)) ++metrics_.ended[static_cast<std::size_t>(job.state)];
+      LogChange(job);
     } else if (!absl::IsUnavailable(status)) {
-      std::fprintf(stderr, "orbituned: jobs/%s: a change of state was refused: %s\n", job.id.c_str(),
-                   std::string(status.message()).c_str());
+      Log(LogLevel::kError, "a change of state was refused",
+          {{"job", job.id}, {"error", std::string(status.message())}});
     }
-    if (IsTerminal(job.state)) hub_.Forget(job.id);
+    // Nothing follows soon; who watches reads the store.
+    if (IsTerminal(job.state) || job.state == JobState::kPaused) hub_.Forget(job.id);
     if (done) status.ok() ? done(job) : done(status);
   });
-  if (IsTerminal(job.state)) entries_.erase(job.id);
+  if (IsTerminal(job.state)) Forget(entries_.at(job.id));
 }
 
 void Scheduler::Transition(const std::string& id, const std::string& etag, std::string_view action,
@@ -532,9 +801,9 @@ void Scheduler::Transition(const std::string& id, const std::string& etag, std::
   const EntryPtr entry = found->second;
   if (!allowed(entry->record.state)) return done(WrongState(id, entry->record.state, action, needed));
   if (absl::Status status = CheckEtag(entry->record, etag); !status.ok()) return done(status);
-  RemoveFromRing(*entry);
-  if (to == JobState::kQueued) waiting_.push_back(entry);
+  Halt(*entry);
   ChangeState(*entry, {.state = to}, std::move(done));
+  if (to == JobState::kQueued) PutIntoQueue(entry);
   StartWaiting();
   lock.unlock();
   Signal();

@@ -80,6 +80,11 @@ class Verifier {
     }
     if (range_.first == 0) range_.first = 1;
     if (range_.last == 0) range_.last = newest;
+    if (removed() && (range_.first != 1 || range_.last != newest)) {
+      return WithReason(absl::FailedPreconditionError(absl::StrCat("jobs/", job_.id, ": its iterations were removed; ",
+                                                                   "only the whole of it can be verified")),
+                        "ITERATIONS_REMOVED");
+    }
     FieldErrors errors;
     if (range_.first < 1 || range_.first > newest) {
       errors.AddNumber("first_iteration", absl::StrCat("in [1, ", newest, "], or 0 for 1"), range_.first);
@@ -87,7 +92,25 @@ class Verifier {
       errors.AddNumber("last_iteration", absl::StrCat("in [", range_.first, ", ", newest, "], or 0 for the newest"),
                        range_.last);
     }
+    out_.first_iteration = range_.first;
+    out_.last_iteration = range_.last;
     return errors.ToStatus();
+  }
+
+  // All iterations but the first, the best and the last, by retention.
+  bool removed() const { return job_.iterations_removed_us != 0; }
+
+  // Nothing, where it was removed.
+  absl::StatusOr<std::optional<IterationRecord>> StoredAt(int iteration) {
+    if (removed()) {
+      for (const auto& left : {job_.first, job_.best, job_.latest}) {
+        if (left && left->iteration == iteration) return left;
+      }
+      return std::nullopt;
+    }
+    auto record = stored_.At(iteration);
+    if (!record.ok()) return record.status();
+    return *record;
   }
 
   bool Goes(int iteration) const { return observe_({out_.first_iteration, out_.last_iteration, iteration}); }
@@ -100,7 +123,7 @@ class Verifier {
     inputs_ = Sha256(
         InputsText(scenario_digest, spec.scenario, spec.initial_condition, spec.initial_conditions, spec.objective));
     out_.digest = inputs_;
-    for (int i = 1; i <= out_.completed_iterations; ++i) {
+    for (int i = 1; i <= out_.completed_iterations && !removed(); ++i) {
       if (i % kPage == 1 && !Goes(0)) return absl::CancelledError("cancelled");
       const auto record = stored_.At(i);
       if (!record.ok()) return record.status();
@@ -110,7 +133,7 @@ class Verifier {
     out_.recorded_digest = job_.provenance->digest;
     out_.engine_differences = EngineDifferences(*job_.provenance);
     inputs_altered_ = job_.provenance->inputs_digest != ToHex(inputs_);
-    altered_ = inputs_altered_ || out_.digest != *out_.recorded_digest;
+    altered_ = inputs_altered_ || (!removed() && out_.digest != *out_.recorded_digest);
     return absl::OkStatus();
   }
 
@@ -122,7 +145,6 @@ class Verifier {
     }
     search_.emplace(job_.spec.scenario.search, job_.spec.objective, prepared_.size());
     out_.first_iteration = search_->needs_no_checkpoint() ? std::max(range_.first - 1, 1) : 1;
-    out_.last_iteration = range_.last;
     if (out_.first_iteration == 1) return absl::OkStatus();
     const auto before = stored_.At(out_.first_iteration);
     return before.ok() ? search_->Resume(*before, {}) : before.status();
@@ -139,7 +161,10 @@ class Verifier {
       for (std::size_t e = begin; e < end; ++e) {
         episodes.push_back({.problem = &prepared_[search_->initial_condition(e)].problem, .gains = search_->gains(e)});
       }
-      SimulateBatch(episodes, std::span(results_).subspan(begin, end - begin));
+      const auto cancelled = [this] { return !Goes(search_->iteration() - 1); };
+      if (SimulateBatch(episodes, std::span(results_).subspan(begin, end - begin), cancelled).cancelled) {
+        return absl::CancelledError("cancelled");
+      }
     }
     return search_->Update(results_);
   }
@@ -150,12 +175,10 @@ class Verifier {
     const bool whole = out_.first_iteration == 1 && range_.last == out_.completed_iterations;
     recomputed_ = inputs_;
     for (int i = out_.first_iteration; i <= range_.last || to_the_end; ++i) {
-      std::optional<IterationRecord> there;
-      if (i <= range_.last) {
-        const auto record = stored_.At(i);
-        if (!record.ok()) return record.status();
-        there = *record;
-      }
+      const bool expected = i <= range_.last;
+      absl::StatusOr<std::optional<IterationRecord>> there = std::optional<IterationRecord>();
+      if (expected) there = StoredAt(i);
+      if (!there.ok()) return there.status();
       std::optional<IterationRecord> here;
       if (!search_->done()) {
         auto record = RunOne();
@@ -165,21 +188,25 @@ class Verifier {
           return record.status();
         }
       }
-      if (!there && !here) break;
-      if (here && there) recomputed_ = ExtendHistory(recomputed_, *here);
-      if (!there || !here || !Identical(*there, *here)) {
-        if (!out_.first_difference) out_.first_difference = {.iteration = i, .stored = there, .recomputed = here};
-        // Only of what was altered is it worth knowing what the whole would have come to.
-        if (!altered_ || !whole || !there || !here) break;
+      if (!expected && !here) break;
+      if (expected && here) recomputed_ = ExtendHistory(recomputed_, *here);
+      if (expected != here.has_value() || (*there && !Identical(**there, *here))) {
+        if (!out_.first_difference) out_.first_difference = {.iteration = i, .stored = *there, .recomputed = here};
+        // Only of what was altered or removed is it worth knowing what the whole would have come to.
+        if (!(altered_ || removed()) || !whole || expected != here.has_value()) break;
       }
     }
+    if (removed()) out_.digest = recomputed_;
     restored_ = altered_ && whole && recomputed_ == *out_.recorded_digest;
     return absl::OkStatus();
   }
 
   void Conclude() {
     const auto& difference = out_.first_difference;
-    out_.verdict = altered_ ? Verdict::kAltered : difference ? Verdict::kDifferent : Verdict::kIdentical;
+    const bool other_digest = out_.recorded_digest && out_.digest != *out_.recorded_digest;
+    out_.verdict = altered_                     ? Verdict::kAltered
+                   : difference || other_digest ? Verdict::kDifferent
+                                                : Verdict::kIdentical;
     if (inputs_altered_) {
       out_.conclusion = "the job's inputs are not those that it was created with";
     } else if (altered_) {
@@ -189,6 +216,11 @@ class Verifier {
                         "; run again, the job gives that digest, so it is the iterations that were "
                         "altered");
       }
+    } else if (removed() && out_.recorded_digest) {
+      out_.conclusion = absl::StrCat("run again, the job gives ", other_digest ? "another" : "the same",
+                                     " digest; its iterations were removed, but for the first, the best and the last");
+    } else if (!difference && removed()) {
+      out_.conclusion = "the first, the best and the last iteration come out the same; the others were removed";
     } else if (!difference) {
       out_.conclusion = absl::StrCat("iterations ", out_.first_iteration, " to ", out_.last_iteration,
                                      " come out the same, bit for bit");
@@ -202,17 +234,17 @@ class Verifier {
       absl::StrAppend(&out_.conclusion, "; up to iteration ", job_.provenance->backfilled,
                       " the digest was made after the event, from what was stored");
     }
-    if (difference && !out_.engine_differences.empty()) {
+    if (out_.verdict == Verdict::kDifferent && !out_.engine_differences.empty()) {
       absl::StrAppend(&out_.conclusion, "; it was run by another engine, which may explain it");
     }
   }
 
   void DescribeDifference(const Verification::Difference& difference) {
-    if (!difference.stored) {
+    if (!difference.recomputed) {
+      absl::StrAppend(&out_.conclusion, "; the search ends before iteration ", difference.iteration);
+    } else if (!difference.stored) {
       absl::StrAppend(&out_.conclusion, "; the search goes on after iteration ", difference.iteration - 1,
                       ", where the history ends");
-    } else if (!difference.recomputed) {
-      absl::StrAppend(&out_.conclusion, "; the search ends before iteration ", difference.iteration);
     } else {
       absl::StrAppend(&out_.conclusion, "; the first that differs is iteration ", difference.iteration);
     }

@@ -41,7 +41,7 @@ struct Verification {
   int first_iteration = 0;       // that was run again: the range's, or as far before it as the search has to start
   int last_iteration = 0;
   std::optional<Difference> first_difference;
-  Digest digest{};                              // of the stored iterations
+  Digest digest{};  // of the stored iterations; of those run again where retention removed the stored ones
   std::optional<Digest> recorded_digest;        // stored with them; none: the job ended under a server that kept none
   std::vector<std::string> engine_differences;  // between what ran the job and what ran it now, where bits may differ
   std::string conclusion;                       // for people
@@ -53,8 +53,8 @@ using VerifyObserver = std::function<bool(const VerifyProgress&)>;
 // Reads the store page by page, and runs the episodes on the calling thread. A search that can be taken up at any
 // iteration (ARS, unless its end or its objective depends on earlier ones) starts at the one before the range, to reach
 // the first K of it; any other at iteration 1. NOT_FOUND; INVALID_ARGUMENT for first_iteration, last_iteration;
-// FAILED_PRECONDITION (JOB_STATE) where the job has no iteration yet; CANCELLED where the observer had enough; the
-// store's.
+// FAILED_PRECONDITION (JOB_STATE) where the job has no iteration yet, (ITERATIONS_REMOVED) for a stretch of what
+// retention removed; CANCELLED where the observer had enough; the store's.
 absl::StatusOr<Verification> VerifyJob(const JobStore& store, const std::string& job_id, VerifyRange range,
                                        const VerifyObserver& observe);
 

@@ -32,7 +32,8 @@ HttpReply MethodNotAllowed(const std::vector<std::string>& allowed) {
   return reply;
 }
 
-HttpReply TooManyWaiting() { return ErrorReply(absl::ResourceExhaustedError("too many requests are waiting")); }
+// A body of so many bytes is read as JSON where it arrives; a larger one on another thread.
+constexpr std::size_t kReadAtOnce = 4096;
 
 // "https://example.org:8443" without its scheme.
 std::string_view HostOf(std::string_view origin) {
@@ -71,6 +72,8 @@ struct Gateway::Exchange {
   Target target;
   CallContext context;
   std::function<void(Reply)> done;
+  std::unique_ptr<google::protobuf::Message> in;
+  std::unique_ptr<google::protobuf::Message> out;
 };
 
 Gateway::Gateway(Api& api, GatewayOptions options)
@@ -82,7 +85,7 @@ Gateway::Gateway(Api& api, GatewayOptions options)
 
 void Gateway::Handle(HttpRequest request, Cancelled cancelled, std::function<void(Reply)> done) {
   auto exchange =
-      std::make_shared<Exchange>(Exchange{std::move(request), {}, {{}, std::move(cancelled)}, std::move(done)});
+      std::make_shared<Exchange>(Exchange{std::move(request), {}, {{}, std::move(cancelled)}, std::move(done), {}, {}});
   if (absl::Status status = CheckOrigin(exchange->request); !status.ok()) return Send(*exchange, ErrorReply(status));
   auto target = ParseTarget(exchange->request.target);
   if (!target.ok()) return Send(*exchange, ErrorReply(target.status()));
@@ -90,7 +93,7 @@ void Gateway::Handle(HttpRequest request, Cancelled cancelled, std::function<voi
   const std::string& path = exchange->target.path;
   const std::string& method = exchange->request.method;
   if (path == kSession && (method == "POST" || method == "DELETE")) return HandleSession(exchange);
-  const bool is_fixed = path == "/healthz" || path == "/readyz" || path == "/openapi.json";
+  const bool is_fixed = path == "/healthz" || path == "/readyz" || path == "/openapi.json" || path == "/metrics";
   RouteTable::Match match = routes_.Find(method, path);
   const bool is_api = is_fixed || !match.allowed.empty() || path.starts_with("/v1/");
   if (!is_api || is_fixed) match.allowed = {"GET", "HEAD"};
@@ -101,6 +104,7 @@ void Gateway::Handle(HttpRequest request, Cancelled cancelled, std::function<voi
   }
   if (method == "OPTIONS") return Send(*exchange, Preflight(exchange->request, match.allowed));
   if (!Reads(method) || path == kSession) return Send(*exchange, MethodNotAllowed(match.allowed));
+  if (path == "/metrics" && options_.metrics) return HandleMetrics(exchange);
   if (is_fixed) return Send(*exchange, Fixed(exchange->request, exchange->target));
   if (is_api) return Send(*exchange, MethodNotAllowed(match.allowed));
   HandleFile(exchange);
@@ -110,6 +114,7 @@ HttpReply Gateway::Refuse(const absl::Status& status, int http_code) const { ret
 
 Gateway::Reply Gateway::Fixed(const HttpRequest&, const Target& target) const {
   if (target.path == "/openapi.json") return Ok(kJson, openapi_);
+  if (target.path == "/metrics") return ErrorReply(absl::NotFoundError("this server shows no metrics"));
   const std::lock_guard lock(state_mutex_);
   if (target.path == "/healthz" || state_.ok()) return Ok("text/plain; charset=utf-8", "ok\n");
   return ErrorReply(state_);
@@ -151,12 +156,16 @@ absl::StatusOr<Caller> Gateway::Admit(const Method& method, const HttpRequest& r
 void Gateway::HandleSession(const std::shared_ptr<Exchange>& exchange) {
   const HttpRequest& request = exchange->request;
   if (request.method == "POST" && !IsJson(request.header("Content-Type"))) return Send(*exchange, NotJson(request));
-  const bool posted = api_.executors().For(Work::kWrite).TryPost([self = shared_from_this(), exchange] {
+  Post(Work::kWrite, exchange, [self = shared_from_this(), exchange] {
     const HttpRequest& asked = exchange->request;
     self->Send(*exchange,
                asked.method == "POST" ? LogIn(self->api_.access(), asked) : LogOut(self->api_.access(), asked));
   });
-  if (!posted) Send(*exchange, TooManyWaiting());
+}
+
+void Gateway::Post(Work work, const std::shared_ptr<Exchange>& exchange, std::function<void()> task) {
+  const absl::Status posted = api_.executors().For(work).TryPost(exchange->request.peer, std::move(task));
+  if (!posted.ok()) Send(*exchange, ErrorReply(posted));
 }
 
 void Gateway::HandleRoute(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange) {
@@ -165,37 +174,58 @@ void Gateway::HandleRoute(const RouteTable::Match& match, const std::shared_ptr<
   if (!caller.ok()) return Send(*exchange, AccessRefusal(caller.status(), request));
   exchange->context.caller = *std::move(caller);
   if (!request.body.empty() && !IsJson(request.header("Content-Type"))) return Send(*exchange, NotJson(request));
+  if (const std::string_view coding = request.header("Content-Encoding"); !coding.empty()) {
+    return Send(*exchange,
+                ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Encoding: a request is sent as it is, got ",
+                                                                   FormatReceived(coding))),
+                           415));
+  }
   if (match.route->method->open != nullptr) return Send(*exchange, OpenStream(match, *exchange));
-  const bool posted =
-      api_.executors().For(match.route->method->work).TryPost([self = shared_from_this(), match, exchange] {
-        self->Send(*exchange, self->Answer(match, *exchange));
-      });
-  if (!posted) Send(*exchange, TooManyWaiting());
+  exchange->context.transport = "http";
+  if (request.body.size() <= kReadAtOnce) return CallMethod(match, exchange);
+  Post(Work::kWrite, exchange, [self = shared_from_this(), match, exchange] { self->CallMethod(match, exchange); });
 }
 
 void Gateway::HandleFile(const std::shared_ptr<Exchange>& exchange) {
-  const bool posted = api_.executors().For(Work::kRead).TryPost([self = shared_from_this(), exchange] {
+  Post(Work::kRead, exchange, [self = shared_from_this(), exchange] {
     self->Send(*exchange, self->files_.Get(exchange->request, exchange->target.path));
   });
-  if (!posted) Send(*exchange, TooManyWaiting());
 }
 
-HttpReply Gateway::Answer(const RouteTable::Match& match, const Exchange& exchange) const {
+// As Prometheus reads it. With tokens, it needs one.
+void Gateway::HandleMetrics(const std::shared_ptr<Exchange>& exchange) {
+  const auto caller = api_.Authenticate(CredentialsOf(exchange->request), "metrics");
+  if (!caller.ok()) return Send(*exchange, AccessRefusal(caller.status(), exchange->request));
+  Post(Work::kRead, exchange, [self = shared_from_this(), exchange] {
+    HttpReply reply = Ok("text/plain; version=0.0.4; charset=utf-8", self->options_.metrics());
+    reply.headers.emplace_back("Cache-Control", "no-store");
+    if (Accepts(exchange->request.header("Accept-Encoding"), "gzip")) Compress(reply);
+    self->Send(*exchange, std::move(reply));
+  });
+}
+
+void Gateway::CallMethod(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange) {
   const Method& method = *match.route->method;
-  const std::unique_ptr<google::protobuf::Message> request(method.request->New());
-  absl::Status status =
-      ReadRequest(*match.route, match.bindings, exchange.target.query, exchange.request.body, request.get());
-  if (!status.ok()) return ErrorReply(status);
-  const std::unique_ptr<google::protobuf::Message> response(method.response->New());
-  status = api_.Answer(method, exchange.context, *request, response.get());
-  if (!status.ok()) return ErrorReply(status);
-  HttpReply reply = Ok(kJson, ToJson(*response) + "\n");
+  exchange->in.reset(method.request->New());
+  exchange->out.reset(method.response->New());
+  const absl::Status status =
+      ReadRequest(*match.route, match.bindings, exchange->target.query, exchange->request.body, exchange->in.get());
+  if (!status.ok()) return Send(*exchange, ErrorReply(status));
+  exchange->request.body = std::string();
+  api_.Call(method, exchange->context, *exchange->in, exchange->out.get(),
+            [self = shared_from_this(), exchange](const absl::Status& answered) {
+              self->Send(*exchange, answered.ok() ? Answer(*exchange) : ErrorReply(answered));
+            });
+}
+
+HttpReply Gateway::Answer(const Exchange& exchange) {
+  HttpReply reply = Ok(kJson, ToJson(*exchange.out) + "\n");
   reply.headers.emplace_back("Cache-Control", "no-store");
   if (Accepts(exchange.request.header("Accept-Encoding"), "gzip")) Compress(reply);
   return reply;
 }
 
-Gateway::Reply Gateway::OpenStream(const RouteTable::Match& match, const Exchange& exchange) const {
+Gateway::Reply Gateway::OpenStream(const RouteTable::Match& match, Exchange& exchange) const {
   StreamReply reply{.feed = nullptr,
                     .sse = Accepts(exchange.request.header("Accept"), "text/event-stream"),
                     .resumed = false,
@@ -214,6 +244,7 @@ Gateway::Reply Gateway::OpenStream(const RouteTable::Match& match, const Exchang
   reply.headers = {{"Content-Type", reply.sse ? "text/event-stream" : "application/x-ndjson"},
                    {"Cache-Control", "no-store"},
                    {"X-Accel-Buffering", "no"}};
+  exchange.context.transport = reply.sse ? "sse" : "ndjson";
   reply.feed = api_.Open(method, exchange.context, *request);
   return reply;
 }
@@ -232,9 +263,11 @@ void Gateway::Send(const Exchange& exchange, Reply reply) const {
   auto& headers = std::visit(
       [](auto& r) -> auto& { return r.headers; }, reply);
   headers.emplace_back("X-Content-Type-Options", "nosniff");
+  const std::string& request_id = exchange.context.caller.request_id;
+  if (!request_id.empty()) headers.emplace_back("X-Request-Id", request_id);
   if (const std::string_view origin = exchange.request.header("Origin"); !origin.empty() && IsAllowedOrigin(origin)) {
     headers.emplace_back("Access-Control-Allow-Origin", origin);
-    headers.emplace_back("Access-Control-Expose-Headers", "Retry-After");
+    headers.emplace_back("Access-Control-Expose-Headers", "Retry-After, X-Request-Id");
   }
   if (!options_.cors_origins.empty()) headers.emplace_back("Vary", "Origin");
   exchange.done(std::move(reply));

@@ -2,7 +2,6 @@
 // files.
 #pragma once
 
-#include <atomic>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -23,6 +22,7 @@ struct GatewayOptions {
   // Refuse Host headers that are neither localhost nor an IP address nor an allowed origin's, so that no page can make
   // a browser take this server for its own (DNS rebinding).
   bool local_hosts_only = false;
+  std::function<std::string()> metrics;  // what /metrics answers; may block; unset: there are none
 };
 
 // A reply that goes on: messages of a feed, as Server-Sent Events or a line each.
@@ -63,8 +63,11 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
   bool IsAllowedOrigin(std::string_view origin) const;
   void HandleRoute(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange);
   void HandleFile(const std::shared_ptr<Exchange>& exchange);
-  HttpReply Answer(const RouteTable::Match& match, const Exchange& exchange) const;
-  Reply OpenStream(const RouteTable::Match& match, const Exchange& exchange) const;
+  void HandleMetrics(const std::shared_ptr<Exchange>& exchange);
+  void Post(Work work, const std::shared_ptr<Exchange>& exchange, std::function<void()> task);
+  void CallMethod(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange);
+  static HttpReply Answer(const Exchange& exchange);
+  Reply OpenStream(const RouteTable::Match& match, Exchange& exchange) const;
   HttpReply Preflight(const HttpRequest& request, const std::vector<std::string>& allowed) const;
   void Send(const Exchange& exchange, Reply reply) const;
 

@@ -3,6 +3,7 @@
 #include "server/rest/server.h"
 
 #include <sys/socket.h>
+#include <sys/uio.h>
 
 #include <algorithm>
 #include <atomic>
@@ -17,9 +18,9 @@
 #include <boost/asio/write.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
-#include <cstdio>
 #include <ctime>
 #include <exception>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <thread>
@@ -28,6 +29,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status.h"
+#include "server/jobs/limit.h"
+#include "server/log/log.h"
 #include "server/rest/error.h"
 #include "server/rest/gateway.h"
 #include "server/rest/transport.h"
@@ -68,7 +71,7 @@ struct Core : std::enable_shared_from_this<Core> {
 
   void Log(const std::string& line) const {
     if (options.log) return options.log(line);
-    std::fprintf(stderr, "orbituned: http: %s\n", line.c_str());
+    orbitune::Log(LogLevel::kWarning, "http", {{"what", line}});
   }
 
   // Asks on a thread for streams, together with all who wait by then: watchers of one job that ask together get the
@@ -142,16 +145,23 @@ class Slot : public std::enable_shared_from_this<Slot<T>> {
 // A batch of a feed, as text: pieces of the runs' own, which watchers share, or one made here.
 struct Chunk {
   std::vector<net::const_buffer> text;
-  std::vector<StreamPart> parts;  // hold what `text` points into
-  std::shared_ptr<const std::string> own;
+  std::vector<StreamPart> parts;  // these hold what `text` points into
+  std::vector<std::shared_ptr<const std::string>> own;
   bool full = false;          // there may be more at once
   bool nothing_more = false;  // the first message is the last
   std::optional<absl::Status> end;
 };
 
-void Put(std::string own, Chunk& chunk) {
-  chunk.own = std::make_shared<const std::string>(std::move(own));
-  chunk.text = {net::buffer(*chunk.own)};
+net::const_buffer Keep(std::string text, Chunk& chunk) {
+  chunk.own.push_back(std::make_shared<const std::string>(std::move(text)));
+  return net::buffer(*chunk.own.back());
+}
+
+// As HTTP/1.1 has a chunk of a body.
+void Frame(Chunk& chunk) {
+  if (chunk.text.empty()) return;
+  chunk.text.insert(chunk.text.begin(), Keep(absl::StrCat(absl::Hex(net::buffer_size(chunk.text)), "\r\n"), chunk));
+  chunk.text.push_back(net::buffer(kChunkEnd));
 }
 
 Chunk ToChunk(Feed::Batch batch, bool sse) {
@@ -170,13 +180,54 @@ Chunk ToChunk(Feed::Batch batch, bool sse) {
     }
   }
   chunk.full = count == kBatch;
-  if (!lines.empty()) Put(std::move(lines), chunk);
+  if (!lines.empty()) chunk.text = {Keep(std::move(lines), chunk)};
   if (batch.end && !batch.end->ok()) {
     const std::string error = rest::ErrorJson(*batch.end);
-    Put(sse ? absl::StrCat("event: error\ndata: ", error, "\n\n") : error + "\n", chunk);
+    chunk.text = {Keep(sse ? absl::StrCat("event: error\ndata: ", error, "\n\n") : error + "\n", chunk)};
   }
   return chunk;
 }
+
+// A watcher's socket for the threads for streams, which send what goes at once: unlike the I/O thread, for which every
+// request waits, they step back behind the tuning. What is left is the I/O thread's; one of the two writes at a time.
+class Outlet {
+ public:
+  explicit Outlet(int socket) : socket_(socket) {}
+
+  // To be called before the socket is closed: then no more is sent.
+  void Detach() {
+    const std::lock_guard lock(mutex_);
+    socket_ = -1;
+  }
+
+  // False if the other side has it.
+  bool Take() { return !taken_.exchange(true); }
+  void GiveBack() { taken_ = false; }
+
+  // Sends what goes without waiting and removes it from `text`.
+  void Send(std::vector<net::const_buffer>& text) {
+    const std::lock_guard lock(mutex_);
+    if (socket_ < 0) return;
+    std::vector<iovec> pieces;
+    for (const net::const_buffer& piece : text) pieces.push_back({const_cast<void*>(piece.data()), piece.size()});
+    msghdr message{};
+    message.msg_iov = pieces.data();
+    message.msg_iovlen = std::min<std::size_t>(pieces.size(), kMostPieces);
+    const ssize_t sent = sendmsg(socket_, &message, MSG_DONTWAIT | MSG_NOSIGNAL);
+    auto left = sent > 0 ? static_cast<std::size_t>(sent) : 0;
+    auto first = text.begin();
+    for (; first != text.end() && left >= first->size(); ++first) left -= first->size();
+    if (first != text.end()) *first += left;
+    text.erase(text.begin(), first);
+  }
+
+ private:
+  static constexpr std::size_t kMostPieces = 1024;  // of a call; what is beyond is left
+
+  std::atomic<bool> taken_ = false;
+  std::mutex mutex_;
+  int socket_;  // guarded by mutex_; -1: detached
+};
 
 std::string HttpDate() {
   const std::time_t now = std::time(nullptr);
@@ -207,6 +258,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     core_.connections.insert(this);
   }
   ~Connection() {
+    if (outlet_ != nullptr) outlet_->Detach();
     core_.body_bytes -= body_bytes_;
     core_.connections.erase(this);
     if (core_.draining && core_.connections.empty()) core_.grace.cancel();
@@ -221,6 +273,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   // Whether no request is under way; then a drain may close it.
   bool idle() const { return idle_; }
   void CloseNow() {
+    if (outlet_ != nullptr) outlet_->Detach();
     error_code ignored;
     stream_.socket().close(ignored);
   }
@@ -234,6 +287,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     bool chunked;
     std::shared_ptr<Slot<Chunk>> slot;
     std::string peer;  // HOST:PORT
+    bool begun = false;
   };
 
   // False if the connection is to be closed.
@@ -363,7 +417,10 @@ class Connection : public std::enable_shared_from_this<Connection> {
                                                       limits.body_time.count(), " ms")),
              408);
     } else if (error == net::error::no_buffer_space) {
-      answer(absl::UnavailableError("too many large requests at once"), 503);
+      answer(LimitExceeded("bytes of all bodies being received",
+                           {"http-max-bodies-bytes", static_cast<std::int64_t>(limits.max_bodies_bytes)},
+                           "try again when some have been"),
+             429);
     } else if (error.category() == http::make_error_code(http::error::bad_method).category() &&
                error != http::error::end_of_stream && error != http::error::partial_message) {
       answer(absl::InvalidArgumentError(absl::StrCat("not HTTP: ", error.message())), 400);
@@ -443,14 +500,22 @@ class Connection : public std::enable_shared_from_this<Connection> {
     ++core_.streams;
     const auto self = shared_from_this();
     net::co_spawn(core_.io, NoticeEnd(self, stream.feed), Report(core_));
+    stream.begun = true;
+    if (!stream_.secure()) outlet_ = std::make_shared<Outlet>(stream_.socket().native_handle());
     co_await Pump(stream, std::move(first), target);
     --core_.streams;
   }
 
   // The feed may read the store and makes JSON: on a thread for that.
-  static Core::Ask AskOf(const Stream& stream) {
-    return [feed = stream.feed, slot = stream.slot, sse = stream.sse](const std::shared_ptr<Core>& core) {
-      feed->Next(kBatch, [core, slot, sse](Feed::Batch batch) { slot->Put(core, ToChunk(std::move(batch), sse)); });
+  Core::Ask AskOf(const Stream& stream) const {
+    return [feed = stream.feed, slot = stream.slot, outlet = outlet_, sse = stream.sse,
+            framed = stream.begun && stream.chunked](const std::shared_ptr<Core>& core) {
+      feed->Next(kBatch, [core, slot, outlet, sse, framed](Feed::Batch batch) {
+        Chunk chunk = ToChunk(std::move(batch), sse);
+        if (framed) Frame(chunk);
+        if (outlet != nullptr && outlet->Take()) outlet->Send(chunk.text);
+        slot->Put(core, std::move(chunk));
+      });
     };
   }
 
@@ -469,9 +534,11 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   net::awaitable<void> Pump(Stream& stream, Chunk chunk, const std::string& target) {
     if (stream.sse) chunk.text.insert(chunk.text.begin(), net::buffer(kRetry));
+    if (stream.chunked) Frame(chunk);
     while (true) {
-      const bool alive = co_await WriteChunk(stream, chunk.text, target);
+      const bool alive = co_await WriteText(stream, chunk.text, target);
       if (!alive) co_return;
+      if (outlet_ != nullptr) outlet_->GiveBack();
       if (chunk.end) break;
       if (chunk.full) {
         core_.PostAsks({AskOf(stream)});
@@ -481,28 +548,40 @@ class Connection : public std::enable_shared_from_this<Connection> {
       while (true) {
         const bool filled = co_await stream.slot->WaitUntil(Clock::now() + core_.options.heartbeat);
         if (filled) break;
-        const std::vector<net::const_buffer> heartbeat{net::buffer(kHeartbeat)};
-        const bool there = !stream.sse || co_await WriteChunk(stream, heartbeat, target);
+        const bool there = co_await Beat(stream, target);
         if (!there) co_return;
       }
       chunk = stream.slot->Take();
     }
-    if (stream.chunked) co_await net::async_write(stream_, net::buffer(kLastChunk), kAwait);
+    const std::vector<net::const_buffer> last_chunk{net::buffer(kLastChunk)};
+    if (stream.chunked) co_await WriteText(stream, last_chunk, target);
+  }
+
+  // Unless something is being sent right now.
+  net::awaitable<bool> Beat(const Stream& stream, const std::string& target) {
+    if (!stream.sse || (outlet_ != nullptr && !outlet_->Take())) co_return true;
+    Chunk chunk;
+    chunk.text = {net::buffer(kHeartbeat)};
+    if (stream.chunked) Frame(chunk);
+    const bool there = co_await WriteText(stream, chunk.text, target);
+    if (outlet_ != nullptr) outlet_->GiveBack();
+    co_return there;
   }
 
   // False if the connection is to be closed.
-  net::awaitable<bool> WriteChunk(const Stream& stream, std::vector<net::const_buffer> text,
-                                  const std::string& target) {
+  net::awaitable<bool> WriteText(const Stream& stream, std::vector<net::const_buffer> text, const std::string& target) {
     if (text.empty()) co_return true;
-    std::string size;
-    if (stream.chunked) {
-      size = absl::StrCat(absl::Hex(net::buffer_size(text)), "\r\n");
-      text.insert(text.begin(), net::buffer(size));
-      text.push_back(net::buffer(kChunkEnd));
-    }
-    stream_.expires_after(core_.options.stall_time);
+    // Not the stream's own time limit, which would close the socket and leave the outlet none the wiser.
+    const auto late = std::make_shared<bool>(false);
+    net::steady_timer timer(core_.io, core_.options.stall_time);
+    timer.async_wait([late, self = shared_from_this()](error_code cancelled) {
+      if (cancelled || late.use_count() == 1) return;  // all was written
+      *late = true;
+      self->CloseNow();
+    });
+    stream_.expires_never();
     const auto [error, count] = co_await net::async_write(stream_, text, kAwait);
-    if (error == beast::error::timeout) {
+    if (*late) {
       core_.Log(absl::StrCat("cut off ", stream.peer, " at ", target, ": it did not take what it asked for within ",
                              core_.options.stall_time.count(), " ms"));
     }
@@ -533,6 +612,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   // What was sent arrives before the connection ends, also where the other side still sends.
   net::awaitable<void> Close() {
+    if (outlet_ != nullptr) outlet_->Detach();
     error_code error;
     stream_.expires_after(kLinger);
     if (stream_.secure()) co_await stream_.async_shutdown(kAwait);
@@ -557,6 +637,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   Core& core_;
   Transport stream_;
+  std::shared_ptr<Outlet> outlet_;  // of a stream in the clear, once it has begun
   beast::flat_buffer buffer_;
   std::size_t body_bytes_ = 0;
   bool idle_ = false;
@@ -567,10 +648,13 @@ void TurnAway(Core& core, tcp::socket socket) {
   if (!core.full) core.Log(absl::StrCat("all ", core.options.max_connections, " connections are in use"));
   core.full = true;
   if (core.tls != nullptr) return;  // whom a handshake would cost more than the answer is worth
-  const std::string body = rest::ErrorJson(absl::UnavailableError("too many connections")) + "\n";
-  const std::string answer = absl::StrCat(
-      "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nContent-Length: ", body.size(),
-      "\r\nRetry-After: 1\r\nConnection: close\r\n\r\n", body);
+  const std::string body =
+      rest::ErrorJson(LimitExceeded("HTTP connections", {"http-max-connections", core.options.max_connections},
+                                    "try again when one has been closed")) +
+      "\n";
+  const std::string answer =
+      absl::StrCat("HTTP/1.1 429 Too Many Requests\r\nContent-Type: application/json\r\nContent-Length: ", body.size(),
+                   "\r\nRetry-After: 1\r\nConnection: close\r\n\r\n", body);
   error_code ignored;
   socket.non_blocking(true, ignored);
   socket.write_some(net::buffer(answer), ignored);
@@ -630,7 +714,8 @@ class HttpServerImpl final : public HttpServer {
   void Run() {
     const bool is_loopback = acceptor_.local_endpoint().address().is_loopback();
     core_->gateway = std::make_shared<Gateway>(
-        core_->api, rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback});
+        core_->api,
+        rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback, core_->options.metrics});
     net::co_spawn(core_->io, Accept(*core_, acceptor_), Report(*core_));
     thread_ = std::thread([this] { core_->io.run(); });
   }

@@ -18,7 +18,7 @@ struct HttpOptions {
   TlsFiles tls;
   std::string web_dir;                    // the dashboard's files; need not exist
   std::vector<std::string> cors_origins;  // pages from elsewhere that may call this server, "*": all
-  int max_connections = 1024;             // what comes beyond is answered 503
+  int max_connections = 1024;             // what comes beyond is answered 429
   std::size_t max_header_bytes = 16 << 10;
   std::size_t max_body_bytes = kLargestRequestBytes;
   std::size_t max_bodies_bytes = 64 << 20;        // of all requests that are being received
@@ -27,7 +27,8 @@ struct HttpOptions {
   std::chrono::milliseconds idle_time{60'000};    // between two requests
   std::chrono::milliseconds stall_time{30'000};   // a reader that takes nothing is cut off
   std::chrono::milliseconds heartbeat{15'000};    // a stream without events says that it is there
-  std::function<void(const std::string&)> log;    // a line without its end; unset: standard error
+  std::function<void(const std::string&)> log;    // a line without its end; unset: the server's log
+  std::function<std::string()> metrics;           // what /metrics answers; unset: there are none
 };
 
 class HttpServer {

@@ -69,6 +69,7 @@ HttpReply AccessRefusal(const absl::Status& refusal, const HttpRequest& request)
   reply.headers.emplace_back(
       "WWW-Authenticate", given ? R"(Bearer realm="orbitune", error="invalid_token")" : R"(Bearer realm="orbitune")");
   reply.headers.emplace_back("Cache-Control", "no-store");
+  if (ByCookie(request)) reply.headers.emplace_back("Set-Cookie", SetCookie(request, "", std::chrono::seconds(0)));
   return reply;
 }
 

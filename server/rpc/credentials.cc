@@ -1,14 +1,17 @@
 #include "server/rpc/credentials.h"
 
-#include <grpcpp/security/tls_certificate_provider.h>
-#include <grpcpp/security/tls_credentials_options.h>
+#include <grpc/grpc.h>
+#include <grpc/grpc_security.h>
 
 #include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <mutex>
 
 namespace orbitune {
 namespace {
 
-constexpr unsigned kLookAgainSeconds = 1;
 constexpr std::size_t kLongestRequestId = 64;
 
 std::string_view Metadata(const grpc::ServerContextBase& context, const char* key) {
@@ -25,6 +28,61 @@ std::string AddressOf(std::string peer) {
   if (peer.ends_with("%5D")) peer.erase(peer.size() - 3);
   return peer;
 }
+
+std::string Contents(const std::string& path) {
+  std::ifstream file(path);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// gRPC asks for the certificates at every handshake. (Its own watcher of files takes faulty ones, too, and then refuses
+// everybody.)
+class WatchedTls final : public grpc::ServerCredentials {
+ public:
+  explicit WatchedTls(const TlsFiles& files) : files_(files), watch_(files) {
+    const auto clients = files.client_ca.empty() ? GRPC_SSL_DONT_REQUEST_CLIENT_CERTIFICATE
+                                                 : GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY;
+    credentials_ = grpc_ssl_server_credentials_create_with_options(  // which takes the options
+        grpc_ssl_server_credentials_create_options_using_config_fetcher(clients, &WatchedTls::Fetch, this));
+  }
+  ~WatchedTls() override { grpc_server_credentials_release(credentials_); }
+
+  void SetAuthMetadataProcessor(const std::shared_ptr<grpc::AuthMetadataProcessor>&) override {}
+
+ private:
+  int AddPortToServer(const std::string& address, grpc_server* server) override {
+    return grpc_server_add_http2_port(server, address.c_str(), credentials_);
+  }
+
+  static grpc_ssl_certificate_config_reload_status Fetch(void* self, grpc_ssl_server_certificate_config** config) {
+    return static_cast<WatchedTls*>(self)->Fetch(config);
+  }
+
+  grpc_ssl_certificate_config_reload_status Fetch(grpc_ssl_server_certificate_config** config) {
+    const std::lock_guard lock(mutex_);
+    if (loaded_ && !watch_.Changed()) return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_UNCHANGED;
+    const std::string certificate = Contents(files_.certificate);
+    const std::string key = Contents(files_.key);
+    // gRPC wants authorities even where it asks clients for nothing.
+    const std::string client_ca = files_.client_ca.empty() ? certificate : Contents(files_.client_ca);
+    if (absl::Status status = TlsContext::Load(files_).status(); !status.ok()) {
+      std::fprintf(stderr, "orbituned: grpc: the certificates stay as they were: %s\n",
+                   std::string(status.message()).c_str());
+      return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_UNCHANGED;
+    }
+    const grpc_ssl_pem_key_cert_pair pair{key.c_str(), certificate.c_str()};
+    *config = grpc_ssl_server_certificate_config_create(client_ca.c_str(), &pair, 1);
+    loaded_ = true;
+    return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_NEW;
+  }
+
+  const TlsFiles files_;
+  grpc_server_credentials* credentials_;
+
+  std::mutex mutex_;
+  // Guarded by mutex_.
+  TlsFileWatch watch_;
+  bool loaded_ = false;
+};
 
 }  // namespace
 
@@ -44,16 +102,7 @@ Credentials CredentialsOf(const grpc::ServerContextBase& context) {
 
 std::shared_ptr<grpc::ServerCredentials> ServerCredentialsOf(const TlsFiles& tls) {
   if (!tls.on()) return grpc::InsecureServerCredentials();
-  using grpc::experimental::FileWatcherCertificateProvider;
-  const auto provider =
-      std::make_shared<FileWatcherCertificateProvider>(tls.key, tls.certificate, tls.client_ca, kLookAgainSeconds);
-  grpc::experimental::TlsServerCredentialsOptions options(provider);
-  options.watch_identity_key_cert_pairs();
-  if (!tls.client_ca.empty()) {
-    options.watch_root_certs();
-    options.set_cert_request_type(GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY);
-  }
-  return grpc::experimental::TlsServerCredentials(options);
+  return std::make_shared<WatchedTls>(tls);
 }
 
 }  // namespace orbitune

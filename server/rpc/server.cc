@@ -1,5 +1,6 @@
 #include "server/rpc/server.h"
 
+#include <google/protobuf/stubs/logging.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
@@ -19,7 +20,7 @@ namespace {
 
 class Tuning final : public ApiService<v1::TuningService> {
  public:
-  explicit Tuning(Api& api) : ApiService(api) {}
+  Tuning(Api& api, CallsInFlight& calls) : ApiService(api, calls) {}
   Reactor* CreateJob(Context* context, const v1::CreateJobRequest* request, v1::Job* out) override {
     return Call("CreateJob", context, request, out);
   }
@@ -57,7 +58,7 @@ class Tuning final : public ApiService<v1::TuningService> {
 
 class Campaigns final : public ApiService<v1::CampaignService> {
  public:
-  explicit Campaigns(Api& api) : ApiService(api) {}
+  Campaigns(Api& api, CallsInFlight& calls) : ApiService(api, calls) {}
   Reactor* CreateCampaign(Context* context, const v1::CreateCampaignRequest* request, v1::Campaign* out) override {
     return Call("CreateCampaign", context, request, out);
   }
@@ -96,7 +97,7 @@ class Campaigns final : public ApiService<v1::CampaignService> {
 
 class Scenarios final : public ApiService<v1::ScenarioService> {
  public:
-  explicit Scenarios(Api& api) : ApiService(api) {}
+  Scenarios(Api& api, CallsInFlight& calls) : ApiService(api, calls) {}
   Reactor* ListScenarios(Context* context, const v1::ListScenariosRequest* request,
                          v1::ListScenariosResponse* out) override {
     return Call("ListScenarios", context, request, out);
@@ -108,7 +109,7 @@ class Scenarios final : public ApiService<v1::ScenarioService> {
 
 class Simulation final : public ApiService<v1::SimulationService> {
  public:
-  explicit Simulation(Api& api) : ApiService(api) {}
+  Simulation(Api& api, CallsInFlight& calls) : ApiService(api, calls) {}
   Reactor* SimulateEpisode(Context* context, const v1::SimulateEpisodeRequest* request,
                            v1::SimulateEpisodeResponse* out) override {
     return Call("SimulateEpisode", context, request, out);
@@ -117,7 +118,7 @@ class Simulation final : public ApiService<v1::SimulationService> {
 
 class GainsService final : public ApiService<v1::GainService> {
  public:
-  explicit GainsService(Api& api) : ApiService(api) {}
+  GainsService(Api& api, CallsInFlight& calls) : ApiService(api, calls) {}
   Reactor* QueryGains(Context* context, const v1::QueryGainsRequest* request, v1::QueryGainsResponse* out) override {
     return Call("QueryGains", context, request, out);
   }
@@ -140,7 +141,7 @@ class GainsService final : public ApiService<v1::GainService> {
 
 class AccessService final : public ApiService<v1::AccessService> {
  public:
-  explicit AccessService(Api& api) : ApiService(api) {}
+  AccessService(Api& api, CallsInFlight& calls) : ApiService(api, calls) {}
   Reactor* GetCaller(Context* context, const v1::GetCallerRequest* request, v1::Caller* out) override {
     return Call("GetCaller", context, request, out);
   }
@@ -150,23 +151,41 @@ class AccessService final : public ApiService<v1::AccessService> {
   }
 };
 
+// gRPC unpacks a message before it measures it: 16 MiB could become 16 GiB.
+void RefuseCompressedRequests(grpc::ServerBuilder& builder) {
+  builder.AddChannelArgument(GRPC_ARG_ENABLE_PER_MESSAGE_DECOMPRESSION, 0);
+  builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_DEFLATE, false);
+  builder.SetCompressionAlgorithmSupportStatus(GRPC_COMPRESS_GZIP, false);
+}
+
 class RpcServerImpl final : public RpcServer {
  public:
-  RpcServerImpl(const std::string& address, Api& api, const TlsFiles& tls)
-      : api_(api), tuning_(api), campaigns_(api), gains_(api), scenarios_(api), simulation_(api), access_(api) {
+  RpcServerImpl(const std::string& address, Api& api, const TlsFiles& tls, const Limits& limits)
+      : api_(api),
+        tuning_(api, calls_),
+        campaigns_(api, calls_),
+        gains_(api, calls_),
+        scenarios_(api, calls_),
+        simulation_(api, calls_),
+        access_(api, calls_),
+        credentials_(ServerCredentialsOf(tls)) {
+    google::protobuf::SetLogHandler(nullptr);  // what a client sends wrong is answered, and does not fill the log
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     // Reflection describes grpc.health.v1 only if its descriptor is linked in.
     grpc::health::v1::HealthCheckRequest::descriptor();
     grpc::ServerBuilder builder;
-    builder.AddListeningPort(address, ServerCredentialsOf(tls), &port_);
+    builder.AddListeningPort(address, credentials_, &port_);
     builder.RegisterService(&tuning_);
     builder.RegisterService(&campaigns_);
     builder.RegisterService(&gains_);
     builder.RegisterService(&scenarios_);
     builder.RegisterService(&simulation_);
     builder.RegisterService(&access_);
-    builder.SetMaxReceiveMessageSize(kLargestRequestBytes);
+    builder.SetMaxReceiveMessageSize(limits.max_request_bytes);
+    RefuseCompressedRequests(builder);
+    builder.SetResourceQuota(grpc::ResourceQuota("orbitune").Resize(static_cast<std::size_t>(limits.memory_bytes)));
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, limits.max_streams_per_connection);
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 20'000);
@@ -191,18 +210,22 @@ class RpcServerImpl final : public RpcServer {
   void Shutdown(std::chrono::milliseconds grace) override {
     server_->GetHealthCheckService()->Shutdown();
     api_.Drain();
-    server_->Shutdown(std::chrono::system_clock::now() + grace);
+    // gRPC itself would wait for every connection to be closed, and there are clients that only look when they call.
+    calls_.AwaitNone(grace);
+    server_->Shutdown(std::chrono::system_clock::now());
     server_->Wait();
   }
 
  private:
   Api& api_;
+  CallsInFlight calls_;
   Tuning tuning_;
   Campaigns campaigns_;
   GainsService gains_;
   Scenarios scenarios_;
   Simulation simulation_;
   AccessService access_;
+  const std::shared_ptr<grpc::ServerCredentials> credentials_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
   std::string address_;
@@ -210,8 +233,9 @@ class RpcServerImpl final : public RpcServer {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const std::string& address, Api& api, const TlsFiles& tls) {
-  auto server = std::make_unique<RpcServerImpl>(address, api, tls);
+absl::StatusOr<std::unique_ptr<RpcServer>> RpcServer::Start(const std::string& address, Api& api, const TlsFiles& tls,
+                                                            const Limits& limits) {
+  auto server = std::make_unique<RpcServerImpl>(address, api, tls, limits);
   if (!server->listening()) {
     return absl::UnavailableError(absl::StrCat("cannot listen on ", FormatReceived(address),
                                                ": the address is wrong, not this machine's, or in use"));

@@ -3,7 +3,10 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include <chrono>
+#include <condition_variable>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <utility>
 
@@ -21,12 +24,50 @@ inline grpc::Status ToGrpc(const absl::Status& status) {
   return {static_cast<grpc::StatusCode>(status.code()), details.message(), details.SerializeAsString()};
 }
 
+// Calls that have begun and whose answer has not yet gone out. Thread-safe.
+class CallsInFlight {
+ public:
+  void Begin() {
+    const std::lock_guard lock(mutex_);
+    ++calls_;
+  }
+  void End() {
+    const std::lock_guard lock(mutex_);
+    if (--calls_ == 0) none_.notify_all();
+  }
+  // False at the deadline.
+  bool AwaitNone(std::chrono::milliseconds most) {
+    std::unique_lock lock(mutex_);
+    return none_.wait_for(lock, most, [this] { return calls_ == 0; });
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable none_;
+  int calls_ = 0;  // guarded by mutex_
+};
+
+class UnaryReactor final : public grpc::ServerUnaryReactor {
+ public:
+  explicit UnaryReactor(CallsInFlight& calls) : calls_(calls) { calls_.Begin(); }
+  void OnDone() override {
+    calls_.End();
+    delete this;
+  }
+
+ private:
+  CallsInFlight& calls_;
+};
+
 // A server stream fed from the API. Lives until the call is done. The feed gives its end once, in answer to Next, which
 // is asked when no write is in flight: one StartWrite at a time, one Finish, and no lock.
 template <typename Response>
 class StreamReactor final : public grpc::ServerWriteReactor<Response> {
  public:
-  explicit StreamReactor(std::shared_ptr<Feed> feed) : feed_(std::move(feed)) { Next(); }
+  StreamReactor(std::shared_ptr<Feed> feed, CallsInFlight& calls) : feed_(std::move(feed)), calls_(calls) {
+    calls_.Begin();
+    Next();
+  }
 
   void OnWriteDone(bool ok) override {
     if (!ok) {
@@ -36,7 +77,10 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
     Next();
   }
   void OnCancel() override { feed_->End(absl::CancelledError("cancelled by the watcher")); }
-  void OnDone() override { delete this; }
+  void OnDone() override {
+    calls_.End();
+    delete this;
+  }
 
  private:
   // What is taken from the feed at a time. All but the last of it may wait in gRPC's buffer for the last: one write to
@@ -63,6 +107,7 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
   }
 
   const std::shared_ptr<Feed> feed_;
+  CallsInFlight& calls_;
   std::vector<FeedItem> items_;
   std::size_t sent_ = 0;
 };
@@ -74,18 +119,19 @@ class ApiService : public Service::CallbackService {
   using Context = grpc::CallbackServerContext;
   using Reactor = grpc::ServerUnaryReactor;
 
-  // api: outlives this.
-  explicit ApiService(Api& api) : api_(api) {}
+  // Both outlive this.
+  ApiService(Api& api, CallsInFlight& calls) : api_(api), calls_(calls) {}
 
   template <typename Request, typename Response>
   Reactor* Call(const char* method, Context* context, const Request* request, Response* response) {
-    Reactor* reactor = context->DefaultReactor();
+    Reactor* reactor = new UnaryReactor(calls_);
     const Method& called = Find<Request>(method);
     auto caller = api_.Authenticate(CredentialsOf(*context), called.descriptor->full_name());
     if (!caller.ok()) {
       reactor->Finish(ToGrpc(caller.status()));
       return reactor;
     }
+    context->AddInitialMetadata(kRequestId, caller->request_id);
     api_.Call(called, {*std::move(caller), [context] { return context->IsCancelled(); }}, *request, response,
               [reactor](const absl::Status& status) { reactor->Finish(ToGrpc(status)); });
     return reactor;
@@ -95,11 +141,14 @@ class ApiService : public Service::CallbackService {
   grpc::ServerWriteReactor<Response>* Stream(const char* method, Context* context, const Request* request) {
     const Method& called = Find<Request>(method);
     auto caller = api_.Authenticate(CredentialsOf(*context), called.descriptor->full_name());
-    return new StreamReactor<Response>(caller.ok() ? api_.Open(called, {*std::move(caller)}, *request)
-                                                   : EndedFeed(caller.status()));
+    if (caller.ok()) context->AddInitialMetadata(kRequestId, caller->request_id);
+    return new StreamReactor<Response>(
+        caller.ok() ? api_.Open(called, {*std::move(caller)}, *request) : EndedFeed(caller.status()), calls_);
   }
 
  private:
+  static constexpr char kRequestId[] = "x-request-id";
+
   template <typename Request>
   const Method& Find(const char* name) const {
     const Method* method = api_.methods().Find(absl::StrCat(Service::service_full_name(), ".", name));
@@ -108,6 +157,7 @@ class ApiService : public Service::CallbackService {
   }
 
   Api& api_;
+  CallsInFlight& calls_;
 };
 
 }  // namespace orbitune

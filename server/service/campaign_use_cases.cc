@@ -55,10 +55,11 @@ absl::Status CheckSource(const InitialConditionSource& source, std::string_view 
 
 // Every one must be a start for this scenario.
 absl::Status CheckStates(const Scenario& scenario, const std::vector<OrbitState>& states, bool drawn,
-                         std::string_view field) {
+                         std::string_view field, const std::function<bool()>& cancelled) {
   FieldErrors errors;
   std::size_t faults = 0;
   for (std::size_t i = 0; i < states.size() && faults < kMostNamedFaults; ++i) {
+    if (cancelled && cancelled()) return absl::CancelledError("nobody waits for the campaign any more");
     const std::string path = absl::StrCat(ToAbsl(field), drawn ? ".draw" : ".list", "[", i, "]");
     const bool given = !std::holds_alternative<std::monostate>(states[i]);
     const absl::Status status = given ? Prepare(scenario, states[i]).status() : absl::OkStatus();
@@ -139,7 +140,8 @@ struct CampaignUseCases::Resolved {
   std::vector<OrbitState> held_out;
 };
 
-absl::StatusOr<CampaignUseCases::Resolved> CampaignUseCases::Resolve(const CampaignRequest& request) const {
+absl::StatusOr<CampaignUseCases::Resolved> CampaignUseCases::Resolve(const CampaignRequest& request,
+                                                                     const std::function<bool()>& cancelled) const {
   FieldErrors errors;
   const auto job = use_cases_.ResolveJob(request.job);
   AddRenamed(errors, job.status(), "job.", "campaign.");
@@ -160,7 +162,9 @@ absl::StatusOr<CampaignUseCases::Resolved> CampaignUseCases::Resolve(const Campa
                    .scenario = job->scenario,
                    .warm_start = job->warm_start,
                    .tune_held_out = request.tune_held_out,
-                   .owner = job->owner};
+                   .owner = job->owner,
+                   .peer = job->peer,
+                   .priority = job->priority};
   CampaignSpec& spec = resolved.spec;
   auto tuned = Take(request.initial_conditions, DrawSet::kTuning, {job->scenario.neighbourhood, 1},
                     "campaign.initial_conditions", spec.draws);
@@ -171,8 +175,9 @@ absl::StatusOr<CampaignUseCases::Resolved> CampaignUseCases::Resolve(const Campa
            "campaign.held_out", spec.held_out_draws);
   if (!held_out.ok()) return held_out.status();
   for (const absl::Status& status :
-       {CheckStates(spec.scenario, *tuned, spec.draws.has_value(), "campaign.initial_conditions"),
-        CheckStates(spec.scenario, *held_out, spec.held_out_draws.has_value(), "campaign.held_out")}) {
+       {CheckStates(spec.scenario, *tuned, spec.draws.has_value(), "campaign.initial_conditions", cancelled),
+        CheckStates(spec.scenario, *held_out, spec.held_out_draws.has_value(), "campaign.held_out", cancelled)}) {
+    if (absl::IsCancelled(status)) return status;
     for (const FieldViolation& v : FieldViolationsOf(status)) errors.AddViolation(v);
   }
   if (!errors.empty()) return errors.ToStatus();
@@ -217,6 +222,8 @@ std::vector<NewMember> CampaignUseCases::MakeMembers(const std::string& id, cons
       job.warm_start = spec.warm_start;
       job.campaign_id = id;
       job.owner = spec.owner;
+      job.peer = spec.peer;
+      job.priority = spec.priority;
     }
     ++number;
   }
@@ -238,16 +245,20 @@ NewMember CampaignUseCases::MakeRobustMember(const std::string& id, const Campai
   job.warm_start = spec.warm_start;
   job.campaign_id = id;
   job.owner = spec.owner;
+  job.peer = spec.peer;
+  job.priority = spec.priority;
   return member;
 }
 
 absl::StatusOr<CampaignRecord> CampaignUseCases::Create(const CampaignRequest& request, const std::string& request_id,
-                                                        bool validate_only) {
+                                                        bool validate_only, const std::function<bool()>& cancelled) {
   if (absl::Status status = CheckRequestId(request_id); !status.ok()) return status;
-  auto resolved = Resolve(request);
+  auto resolved = Resolve(request, cancelled);
   if (!resolved.ok()) return resolved.status();
   const CampaignSpec& spec = resolved->spec;
-  const auto spec_json = ToJson(spec);
+  CampaignSpec asked_for = spec;
+  asked_for.peer.clear();
+  const auto spec_json = ToJson(asked_for);
   if (!spec_json.ok()) return spec_json.status();
   if (validate_only) {
     CampaignRecord record{.spec = spec, .create_time_us = NowUs()};
@@ -315,12 +326,13 @@ absl::Status CampaignUseCases::Delete(const std::string& id, const std::string& 
 }
 
 absl::StatusOr<CampaignRecord> CampaignUseCases::Extend(const std::string& id, const InitialConditionSource& more,
-                                                        const std::string& request_id, const std::string& etag) {
+                                                        const std::string& request_id, const std::string& etag,
+                                                        const std::function<bool()>& cancelled) {
   if (absl::Status status = CheckRequestId(request_id); !status.ok()) return status;
   if (absl::Status status = CheckSource(more, "initial_conditions", 1); !status.ok()) return status;
   if (absl::Status status = use_cases_.store().ok_for_now(); !status.ok()) return status;
   return engine_.Extend(id, etag, request_id, DigestOf(absl::StrCat("extend\n", id), more),
-                        [&](const CampaignRecord& record) { return MakeExtension(record, more); });
+                        [&](const CampaignRecord& record) { return MakeExtension(record, more, cancelled); });
 }
 
 absl::StatusOr<std::vector<OrbitState>> CampaignUseCases::TunedStates(const std::string& id) {
@@ -357,7 +369,8 @@ absl::StatusOr<std::vector<OrbitState>> CampaignUseCases::MoreStates(CampaignSpe
 }
 
 absl::StatusOr<CampaignExtension> CampaignUseCases::MakeExtension(const CampaignRecord& record,
-                                                                  const InitialConditionSource& more) {
+                                                                  const InitialConditionSource& more,
+                                                                  const std::function<bool()>& cancelled) {
   const int tuned = record.of(MemberRole::kTuned).members;
   if (tuned + SizeOf(more) > kMostInitialConditions) {
     return InvalidField("initial_conditions",
@@ -367,7 +380,8 @@ absl::StatusOr<CampaignExtension> CampaignUseCases::MakeExtension(const Campaign
   CampaignExtension extension{.spec = record.spec};
   auto states = MoreStates(extension.spec, more);
   if (!states.ok()) return states.status();
-  absl::Status status = CheckStates(record.spec.scenario, *states, more.draw.has_value(), "initial_conditions");
+  absl::Status status =
+      CheckStates(record.spec.scenario, *states, more.draw.has_value(), "initial_conditions", cancelled);
   if (!status.ok()) return status;
   extension.members = MakeMembers(record.id, extension.spec, MemberRole::kTuned, tuned + 1, *states);
   extension.change.message = absl::StrCat("extended by ", states->size(), " initial conditions");

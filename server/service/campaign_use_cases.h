@@ -43,6 +43,7 @@ struct CampaignEventView {
 };
 
 // Thread-safe. Calls that write wait until what they say is on disk; none must be made where blocking is not allowed.
+// Creations ask `cancelled` now and then; once true, nothing is stored, and the answer is CANCELLED.
 // All errors: INVALID_ARGUMENT with field violations, NOT_FOUND, and what the store and the engine say.
 class CampaignUseCases {
  public:
@@ -53,7 +54,7 @@ class CampaignUseCases {
       : use_cases_(use_cases), store_(store), engine_(engine) {}
 
   absl::StatusOr<CampaignRecord> Create(const CampaignRequest& request, const std::string& request_id,
-                                        bool validate_only);
+                                        bool validate_only, const std::function<bool()>& cancelled = {});
   absl::StatusOr<CampaignRecord> Get(const std::string& id);
   absl::StatusOr<Page<CampaignRecord>> List(int page_size, const std::string& page_token,
                                             const std::vector<CampaignState>& states);
@@ -62,7 +63,8 @@ class CampaignUseCases {
   absl::StatusOr<CampaignRecord> Cancel(const std::string& id, const std::string& etag);
   absl::Status Delete(const std::string& id, const std::string& etag);
   absl::StatusOr<CampaignRecord> Extend(const std::string& id, const InitialConditionSource& more,
-                                        const std::string& request_id, const std::string& etag);
+                                        const std::string& request_id, const std::string& etag,
+                                        const std::function<bool()>& cancelled = {});
   absl::StatusOr<Page<MemberView>> ListMembers(const std::string& id, int page_size, const std::string& page_token);
 
   // Events after `after_seq`, at most `limit`.
@@ -73,7 +75,7 @@ class CampaignUseCases {
 
  private:
   struct Resolved;
-  absl::StatusOr<Resolved> Resolve(const CampaignRequest& request) const;
+  absl::StatusOr<Resolved> Resolve(const CampaignRequest& request, const std::function<bool()>& cancelled) const;
   absl::StatusOr<RobustTuning> ResolveRobust(const CampaignRequest& request,
                                              const std::vector<OrbitState>& tuned) const;
   static std::vector<NewMember> MakeMembers(const std::string& id, const CampaignSpec& spec, MemberRole role, int first,
@@ -81,7 +83,8 @@ class CampaignUseCases {
   static NewMember MakeRobustMember(const std::string& id, const CampaignSpec& spec, int number,
                                     const std::vector<OrbitState>& tuned);
   static absl::StatusOr<std::vector<OrbitState>> MoreStates(CampaignSpec& spec, const InitialConditionSource& more);
-  absl::StatusOr<CampaignExtension> MakeExtension(const CampaignRecord& record, const InitialConditionSource& more);
+  absl::StatusOr<CampaignExtension> MakeExtension(const CampaignRecord& record, const InitialConditionSource& more,
+                                                  const std::function<bool()>& cancelled);
   absl::StatusOr<std::vector<OrbitState>> TunedStates(const std::string& id);
   absl::StatusOr<MemberView> View(const CampaignSpec& spec, CampaignMember member);
 

@@ -50,11 +50,12 @@ absl::Status InRequest(const absl::Status& prepared) {
   return errors.empty() ? prepared : errors.ToStatus();
 }
 
-void FlyBatch(const EpisodeProblem& problem, std::span<const Gains> gains, std::span<EpisodeResult> results) {
+void FlyBatch(const EpisodeProblem& problem, std::span<const Gains> gains, std::span<EpisodeResult> results,
+              const std::function<bool()>& cancelled) {
   std::vector<BatchEpisode> episodes;
   episodes.reserve(gains.size());
   for (const Gains& k : gains) episodes.push_back({.problem = &problem, .gains = k});
-  SimulateBatch(episodes, results);
+  SimulateBatch(episodes, results, cancelled);
 }
 
 std::string NamedScenario(const Scenario& scenario) {
@@ -76,14 +77,16 @@ absl::StatusOr<GainQueryAnswer> GainUseCases::Query(const GainQuery& query, cons
   if (query.max_candidates > 0) options.max_candidates = query.max_candidates;
   if (query.max_answers > 0) options.max_answers = query.max_answers;
   const auto library = library_.Find(answer.scenario_digest);
-  answer.result = QueryLibrary(library.get(), answer.prepared, scenario->search.initial_gains, options, FlyBatch);
+  const Fly fly = [&cancelled](const EpisodeProblem& problem, std::span<const Gains> gains,
+                               std::span<EpisodeResult> results) { FlyBatch(problem, gains, results, cancelled); };
+  answer.result = QueryLibrary(library.get(), answer.prepared, scenario->search.initial_gains, options, fly);
   if (query.refine_budget_ms) {
     const int budget_ms = *query.refine_budget_ms > 0 ? *query.refine_budget_ms : kDefaultRefineMs;
     RefineAnswers(answer.prepared,
                   {.budget = std::chrono::milliseconds(budget_ms),
                    .cancelled = cancelled,
                    .gain_floor = scenario->search.gain_floor},
-                  FlyBatch, static_cast<std::size_t>(options.max_answers), answer.result);
+                  fly, static_cast<std::size_t>(options.max_answers), answer.result);
   }
   if (cancelled && cancelled()) return absl::CancelledError("nobody waits for the answer any more");
   answer.message = Advice(*scenario, answer);
@@ -244,9 +247,9 @@ absl::Status CheckBelongs(const ImportedGainSet& given, const GainSet& set) {
 }
 
 // Flies the gains from their start, as the search would. An error for what has no cost.
-absl::Status FlyImported(const PreparedScenario& prepared, GainSet& set) {
+absl::Status FlyImported(const PreparedScenario& prepared, const std::function<bool()>& cancelled, GainSet& set) {
   EpisodeResult result;
-  FlyBatch(prepared.problem, {&set.gains, 1}, {&result, 1});
+  FlyBatch(prepared.problem, {&set.gains, 1}, {&result, 1}, cancelled);
   set.flight = Measure(prepared, {.gains = set.gains}, result).flight;
   if (HasCost(result.outcome)) return absl::OkStatus();
   FieldErrors errors;
@@ -254,7 +257,8 @@ absl::Status FlyImported(const PreparedScenario& prepared, GainSet& set) {
   return errors.ToStatus();
 }
 
-absl::StatusOr<GainSet> MakeImported(const ImportedGainSet& given, const GainLibrary& library) {
+absl::StatusOr<GainSet> MakeImported(const ImportedGainSet& given, const GainLibrary& library,
+                                     const std::function<bool()>& cancelled) {
   if (absl::Status status = CheckForm(given); !status.ok()) return status;
   const auto scenario = ScenarioOf(given, library);
   if (!scenario.ok()) return scenario.status();
@@ -277,12 +281,13 @@ absl::StatusOr<GainSet> MakeImported(const ImportedGainSet& given, const GainLib
   set.history_digest = given.history_digest;
   set.origin = given.origin;
   absl::Status status = CheckBelongs(given, set);
-  if (status.ok()) status = FlyImported(*prepared, set);
+  if (status.ok()) status = FlyImported(*prepared, cancelled, set);
   if (!status.ok()) return status;
   return set;
 }
 
-absl::StatusOr<std::vector<GainSet>> MakeAll(const std::vector<ImportedGainSet>& given, const GainLibrary& library) {
+absl::StatusOr<std::vector<GainSet>> MakeAll(const std::vector<ImportedGainSet>& given, const GainLibrary& library,
+                                             const std::function<bool()>& cancelled) {
   FieldErrors errors;
   if (given.empty() || given.size() > GainUseCases::kMostImported) {
     errors.AddNumber("gain_sets", absl::StrCat("1 to ", GainUseCases::kMostImported, " gain sets"),
@@ -292,7 +297,8 @@ absl::StatusOr<std::vector<GainSet>> MakeAll(const std::vector<ImportedGainSet>&
   std::vector<GainSet> sets;
   std::size_t faults = 0;
   for (std::size_t i = 0; i < given.size() && faults < kMostFaults; ++i) {
-    auto set = MakeImported(given[i], library);
+    auto set = MakeImported(given[i], library, cancelled);
+    if (cancelled && cancelled()) return absl::CancelledError("nobody waits for the import any more");
     if (set.ok()) {
       sets.push_back(*std::move(set));
     } else {
@@ -336,8 +342,9 @@ absl::Status GainUseCases::Store(const std::vector<GainSet>& sets) {
   return status;
 }
 
-absl::StatusOr<GainSetImport> GainUseCases::Import(const std::vector<ImportedGainSet>& given, bool validate_only) {
-  auto sets = MakeAll(given, library_);
+absl::StatusOr<GainSetImport> GainUseCases::Import(const std::vector<ImportedGainSet>& given, bool validate_only,
+                                                   const std::function<bool()>& cancelled) {
+  auto sets = MakeAll(given, library_, cancelled);
   if (!sets.ok()) return sets.status();
   std::vector<GainSet> added;
   std::map<Identity, std::size_t> twins;  // in `added`

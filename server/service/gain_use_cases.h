@@ -57,7 +57,7 @@ class GainUseCases {
   // Both outlive this; the library has what the store has.
   GainUseCases(JobStore& store, GainLibrary& library) : store_(store), library_(library) {}
 
-  // cancelled: asked now and then while refining.
+  // cancelled: asked every few milliseconds; once true, the answer is CANCELLED.
   absl::StatusOr<GainQueryAnswer> Query(const GainQuery& query, const std::function<bool()>& cancelled = {});
 
   absl::StatusOr<GainSet> Get(const std::string& id);
@@ -67,7 +67,8 @@ class GainUseCases {
   absl::Status Delete(const std::string& id);
 
   // All or none. Each is flown from its own start first; what is stored is what came of that.
-  absl::StatusOr<GainSetImport> Import(const std::vector<ImportedGainSet>& sets, bool validate_only);
+  absl::StatusOr<GainSetImport> Import(const std::vector<ImportedGainSet>& sets, bool validate_only,
+                                       const std::function<bool()>& cancelled = {});
 
  private:
   std::string Advice(const Scenario& scenario, const GainQueryAnswer& answer) const;

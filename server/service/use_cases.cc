@@ -144,6 +144,9 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job, const std::optional<Gains>& s
   FieldErrors errors;
   CheckLength(errors, "display_name", job.display_name, kLongestName);
   CheckLabels(errors, job.labels);
+  if (job.priority < kLowestPriority || job.priority > kHighestPriority) {
+    errors.AddNumber("priority", absl::StrCat("in [", kLowestPriority, ", ", kHighestPriority, "]"), job.priority);
+  }
   CheckEnsemble(errors, job);
   JobSpec spec{.display_name = job.display_name,
                .labels = job.labels,
@@ -151,7 +154,9 @@ absl::StatusOr<JobSpec> Resolve(const NewJob& job, const std::optional<Gains>& s
                .objective = job.objective,
                .warm_start = job.warm_start,
                .campaign_id = job.campaign_id,
-               .owner = job.owner};
+               .owner = job.owner,
+               .peer = job.peer,
+               .priority = job.priority};
   auto scenario = Choose(job.scenario);
   if (scenario.ok()) {
     spec.scenario = *std::move(scenario);
@@ -256,8 +261,12 @@ absl::StatusOr<JobRecord> UseCases::CreateJob(const NewJob& job, const std::stri
   if (!spec.ok()) return spec.status();
   if (validate_only) return JobRecord{.spec = *std::move(spec), .create_time_us = NowUs()};
   if (absl::Status status = store_.ok_for_now(); !status.ok()) return status;
+  const auto room = scheduler_.Reserve(*spec, 1);
+  if (!room.ok()) return room.status();
   const std::string id = NewId();
-  const auto digest = ToJson(*spec);
+  JobSpec asked_for = *spec;
+  asked_for.peer.clear();
+  const auto digest = ToJson(asked_for);
   if (!digest.ok()) return digest.status();
   std::promise<absl::StatusOr<JobRecord>> created;
   store_.CreateJob(id, *std::move(spec), NowUs(), request_id, *digest,

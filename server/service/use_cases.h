@@ -57,6 +57,8 @@ struct NewJob {
   std::string warm_start;   // jobs/ID or gainSets/ID; empty: none
   std::string campaign_id;  // of the campaign that creates it; no client's to give
   std::string owner;        // the caller's name; no client's to give
+  std::string peer;         // the caller's address, where it has no name; likewise
+  int priority = 0;
   SearchOverrides search;
 };
 

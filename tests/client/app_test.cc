@@ -61,21 +61,39 @@ TEST(Usage, UnreachableServer) {
 
 TEST(Submit, SendsWhatWasGivenAndNothingElse) {
   FakeServer server;
-  const FakeServer::Result result =
-      server.Run({"submit", "--scenario", "gto-geo", "--name", "first", "--label", "a=1", "--label", "b=x=y",
-                  "--iterations", "10", "--step-size", "0.1", "--initial-gains", "1,2,3,4,5", "--seed", "7", "--ic",
-                  "x_km=1,y_km=2,z_km=3,x_dot_km_s=4,y_dot_km_s=5,z_dot_km_s=6"});
+  const FakeServer::Result result = server.Run({"submit",
+                                                "--scenario",
+                                                "gto-geo",
+                                                "--name",
+                                                "first",
+                                                "--label",
+                                                "a=1",
+                                                "--label",
+                                                "b=x=y",
+                                                "--priority",
+                                                "-2",
+                                                "--iterations",
+                                                "10",
+                                                "--step-size",
+                                                "0.1",
+                                                "--initial-gains",
+                                                "1,2,3,4,5",
+                                                "--seed",
+                                                "7",
+                                                "--ic",
+                                                "x_km=1,y_km=2,z_km=3,x_dot_km_s=4,y_dot_km_s=5,z_dot_km_s=6"});
   EXPECT_EQ(result.code, 0) << result.err;
   EXPECT_TRUE(Has(result.out, "jobs/new  QUEUED\nwatch it with: orbitune --server 127.0.0.1:")) << result.out;
   v1::Job expected;
-  ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(
-                  R"({"display_name": "first", "labels": {"a": "1", "b": "x=y"}, "scenario": "scenarios/gto-geo",
+  ASSERT_TRUE(
+      google::protobuf::util::JsonStringToMessage(
+          R"({"display_name": "first", "labels": {"a": "1", "b": "x=y"}, "priority": -2, "scenario": "scenarios/gto-geo",
                       "initial_condition": {"cartesian": {"x_km": 1, "y_km": 2, "z_km": 3, "x_dot_km_s": 4,
                                                           "y_dot_km_s": 5, "z_dot_km_s": 6}},
                       "hyperparameters": {"iterations": 10, "step_size": 0.1, "seed": 7,
                                           "initial_gains": {"k1": 1, "k2": 2, "k3": 3, "k4": 4, "k5": 5}}})",
-                  &expected)
-                  .ok());
+          &expected)
+          .ok());
   EXPECT_EQ(server.create_requests[0].job().DebugString(), expected.DebugString());
   EXPECT_EQ(server.create_requests[0].request_id().size(), 36u);
   server.Run({"submit", "--scenario", "gto-geo", "--request-id", "mine", "--validate-only"});

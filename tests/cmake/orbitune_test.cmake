@@ -12,6 +12,7 @@ function(orbitune_test name)
     message(FATAL_ERROR "orbitune_test(${name}): unexpected ${ARG_UNPARSED_ARGUMENTS} (there can be one label)")
   endif()
   orbitune_executable(${name} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
+  target_compile_options(${name} PRIVATE -O1)  # what takes time is in the libraries
   # A test that hangs fails; the limit judges nothing else.
   set(properties TIMEOUT 900)
   foreach(property LABELS PROCESSORS)

@@ -84,6 +84,11 @@ test("a job from the form: checked as one types, followed as it runs, reduced by
   await picture(page, "job");
   assert.ok(statSync(join(output, "job.png")).size < 200_000, "small enough for the README");
   await picture(page, "job-whole", { fullPage: true });
+
+  // The history's digest, and the proof that the job comes out the same again.
+  await becomes(() => page.getByTestId("digest").textContent(), job.provenance.digest);
+  await page.getByRole("button", { name: "verify", exact: true }).click();
+  await becomes(() => page.getByTestId("verdict").getAttribute("data-verdict"), "VERDICT_IDENTICAL");
   assert.deepEqual(errors, []);
 });
 
@@ -280,7 +285,9 @@ test("a live job of thousands of iterations leaves the browser time for 60 frame
   await beyond(page, 5000);
   await page.getByTestId("distance").waitFor();
   await browser.startTracing(page, { categories: ["toplevel", "devtools.timeline"] });
-  await page.waitForTimeout(3000);
+  const begun = Date.now();
+  await page.waitForFunction((n) => window.shown.length > n, 20 + (await page.evaluate(() => window.shown.length)));
+  const seconds = (Date.now() - begun) / 1000;
   const { traceEvents } = JSON.parse((await browser.stopTracing()).toString());
   await server.post(`/v1/${job.name}:cancel`, {});
   // Time on the processor: what else the machine does is not the page's.
@@ -288,9 +295,9 @@ test("a live job of thousands of iterations leaves the browser time for 60 frame
   const times = (name) => traceEvents.filter((e) => e.ph === "X" && e.name === name && main.has(`${e.pid} ${e.tid}`)).map((e) => e.tdur / 1000).sort((a, b) => a - b);
   const tasks = times("ThreadControllerImpl::RunTask");
   const frames = times("FireAnimationFrame");
-  const [longest, median] = [tasks.at(-1), frames[frames.length >> 1]];
-  console.log(`${frames.length} frames in 3 s, median ${median.toFixed(1)} ms, the longest task ${longest.toFixed(1)} ms`);
-  assert.ok(frames.length > 3 && median < 1000 / 60, `${frames.length} frames, median ${median} ms`);
+  const [longest, frame] = [tasks.at(-1), frames[Math.floor(0.9 * frames.length)]];
+  console.log(`${frames.length} frames in ${seconds.toFixed(1)} s, nine of ten within ${frame.toFixed(1)} ms, the longest task ${longest.toFixed(1)} ms`);
+  assert.ok(frames.length >= 20 && frame < 1000 / 60, `${frames.length} frames, nine of ten within ${frame} ms`);
   assert.ok(longest < 50, `a task of ${longest} ms`);
   assert.deepEqual(errors, []);
 });
@@ -309,7 +316,7 @@ test("a long list of jobs is paged, and searched as a whole", async () => {
   await page.getByText("Page 2").waitFor();
   await becomes(async () => (await rows.first().textContent()) !== newest, true);
   await page.getByRole("button", { name: "Newer" }).click();
-  await page.getByRole("searchbox").fill("Batch 1 leo");
+  await page.getByRole("searchbox").fill('text = "Batch 1"');
   const begun = Date.now();
   const expected = Array.from({ length: jobs }, (_, i) => `batch ${i + 1}`).filter((name) => name.includes("batch 1")).length;
   await becomes(() => rows.count(), Math.min(25, expected));

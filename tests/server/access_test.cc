@@ -192,8 +192,8 @@ TEST_F(AccessTest, WhoIsWrongTooOftenIsToldToWaitAndWhoIsRightNever) {
   Open({.failures_at_once = 3, .failures_per_s = 0});
   for (int i = 0; i < 3; ++i) EXPECT_EQ(Call("wrong").status().code(), absl::StatusCode::kUnauthenticated);
   EXPECT_EQ(Call("wrong").status().code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_EQ(CallBySession("wrong").status().code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_EQ(Call("").status().code(), absl::StatusCode::kUnauthenticated);  // that is no guess
+  EXPECT_EQ(CallBySession("wrong").status().code(), absl::StatusCode::kUnauthenticated);
+  EXPECT_EQ(Call("").status().code(), absl::StatusCode::kUnauthenticated);  // these are no guesses
   EXPECT_TRUE(Call(secret.text).ok());
   EXPECT_EQ(Call("wrong", "192.0.2.2").status().code(), absl::StatusCode::kUnauthenticated);
 }

@@ -104,7 +104,7 @@ Engine::Engine(const std::string& database, Scheduler::Options options, bool sta
       }()),
       scheduler_(*store_, hub_, WithLibrary(options, library_)),
       use_cases_(*store_, scheduler_, hub_),
-      campaign_engine_(*store_, store_->campaigns(), scheduler_, hub_, &library_),
+      campaign_engine_(*store_, store_->campaigns(), scheduler_, hub_, &library_, kMostCampaigns),
       campaigns_(use_cases_, store_->campaigns(), campaign_engine_),
       gains_(*store_, library_) {
   const absl::Status loaded = LoadLibrary(store_->gains(), library_);

@@ -46,6 +46,8 @@ std::vector<IterationRecord> PlainHistory(const Scenario& scenario);
 // Store, hub, scheduler and use cases, wired as in the server.
 class Engine {
  public:
+  static constexpr int kMostCampaigns = 20;  // of a client
+
   explicit Engine(const std::string& database, Scheduler::Options options = {.threads = 2}, bool start = true);
 
   ~Engine();

@@ -77,7 +77,8 @@ TEST_F(RestCampaignGainTest, ACampaignsLife) {
   ASSERT_EQ(list.campaigns_size(), 1);
   EXPECT_FALSE(list.campaigns(0).has_results());
 
-  const auto extended = Answer<v1::Campaign>("POST", path + ":extend", R"({"count": 2})");
+  const auto extended =
+      Answer<v1::Campaign>("POST", path + ":extend", R"({"initial_conditions": {"draw": {"count": 2}}})");
   EXPECT_EQ(extended.state(), v1::CAMPAIGN_STATE_RUNNING);
   EXPECT_EQ(Ended(path).progress().tuned().members(), 5);
 
@@ -89,7 +90,8 @@ TEST_F(RestCampaignGainTest, ACampaignIsPausedResumedAndCancelled) {
   const auto created = Answer<v1::Campaign>("POST", "/v1/campaigns", CampaignJson(2, SearchOptions::kMaxIterations));
   const std::string path = "/v1/" + created.name();
   EXPECT_EQ(Answer<v1::Campaign>("POST", path + ":pause").state(), v1::CAMPAIGN_STATE_PAUSED);
-  EXPECT_THAT(Call("POST", path + ":extend", R"({"count": 1})").body, HasSubstr("CAMPAIGN_STATE"));
+  EXPECT_THAT(Call("POST", path + ":extend", R"({"initial_conditions": {"draw": {"count": 1}}})").body,
+              HasSubstr("CAMPAIGN_STATE"));
   EXPECT_EQ(Answer<v1::Campaign>("POST", path + ":resume").state(), v1::CAMPAIGN_STATE_RUNNING);
   EXPECT_EQ(Call("DELETE", path).code, 400);
   EXPECT_EQ(Answer<v1::Campaign>("POST", path + ":cancel").state(), v1::CAMPAIGN_STATE_CANCELLED);

@@ -371,7 +371,7 @@ TEST_F(RestTest, OpenApiDescribesTheLiveServer) {
       }
     }
   }
-  EXPECT_EQ(operations, rest::RouteTable(api_.methods()).all().size());
+  EXPECT_EQ(operations, rest::RouteTable(api_.methods()).all().size() + 2);  // and the session's
 }
 
 TEST_F(RestTest, OpenApiSaysWhatTheProtoSays) {
@@ -582,7 +582,7 @@ TEST_F(RestTest, ConnectionsAndBodiesAreLimited) {
     HttpClient large(http_->address());
     const std::string body(2 << 20, ' ');
     large.Send("POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 8000000\r\n\r\n" + body);
-    EXPECT_EQ(ErrorOf(large.ReadReply()).at("code"), 503);
+    EXPECT_EQ(ErrorOf(large.ReadReply()).at("code"), 429);
     EXPECT_TRUE(large.Closes());
   }
   // The server takes a moment to notice that a client has gone.
@@ -598,7 +598,7 @@ TEST_F(RestTest, ConnectionsAndBodiesAreLimited) {
     const auto one = connect();
     const auto two = connect();
     HttpClient three(http_->address());
-    EXPECT_EQ(ErrorOf(three.ReadReply()).at("code"), 503);
+    EXPECT_EQ(ErrorOf(three.ReadReply()).at("code"), 429);
     EXPECT_TRUE(serves(*one));
     EXPECT_TRUE(serves(*two));
   }

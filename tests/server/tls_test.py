@@ -5,6 +5,7 @@
 
 Certificates are made by the openssl command. Everything stays on loopback.
 """
+import atexit
 import http.client
 import os
 import shutil
@@ -56,6 +57,7 @@ class Server:
         self.process = subprocess.Popen(
             [ORBITUNED, "--data-dir", os.path.join(directory, "data"), "--listen", "127.0.0.1:0", "--http",
              "127.0.0.1:0", *arguments], stdout=self.output, stderr=self.output, env=environment)
+        atexit.register(self.process.kill)  # however the test ends
         until(lambda: "access" in self.text() or self.process.poll() is not None)
         assert self.process.poll() is None, self.text()
         lines = dict(line.split(" ", 1) for line in self.text().splitlines() if " " in line)

@@ -119,7 +119,11 @@ class VerifyApiTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   Engine engine_;
-  Api api_{engine_.use_cases(), engine_.campaigns(), engine_.gains()};
+  Api api_{engine_.use_cases(),
+           engine_.campaigns(),
+           engine_.gains(),
+           nullptr,
+           {.calls = {.max_calls_waiting = kMostWaiting}}};
   std::unique_ptr<RpcServer> rpc_;
   std::unique_ptr<Client> client_;
   std::unique_ptr<HttpServer> http_;

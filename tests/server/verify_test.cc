@@ -131,7 +131,7 @@ TEST_F(VerifyTest, ARangeStartsWhereTheSearchCan) {
 }
 
 TEST_F(VerifyTest, TheDigestIsThatOfTheInputsWhateverHappensToTheJob) {
-  const Scenario scenario = SmallScenario(60);
+  const Scenario scenario = SmallScenario(300);
   Digest unbroken{};
   {
     TemporaryDirectory other;
@@ -297,26 +297,51 @@ TEST_F(VerifyTest, AJobWithoutADigestIsRunAgainAllTheSame) {
 
 // As a server that knew no digests left it.
 TEST_F(VerifyTest, AJobThatIsTakenUpAfterAnUpgradeSaysFromWhereItsDigestIsFirstHand) {
-  std::string id;
-  {
-    Engine engine(Database());
-    id = engine.Create(SmallScenario(60));
-    engine.WaitForIterations(id, 3);
-  }
-  Alter("UPDATE jobs SET digest = NULL; UPDATE job_documents SET provenance = NULL");
-  int before = 0;
+  const std::string id = "old";
   {
     Engine engine(Database(), {.threads = 1}, false);
-    before = engine.Get(id).completed_iterations();
+    StoreRunningJob(engine.store(), id, SpecOf(SmallScenario(9)), PlainHistory(SmallScenario(3)));
   }
+  Alter("UPDATE jobs SET digest = NULL; UPDATE job_documents SET provenance = NULL");
   Engine engine(Database());
   const JobRecord ended = engine.WaitForEnd(id);
   ASSERT_EQ(ended.state, JobState::kSucceeded) << ended.error_message;
-  EXPECT_EQ(ended.provenance->backfilled, before);
+  EXPECT_EQ(ended.provenance->backfilled, 3);
+  ASSERT_EQ(ended.provenance->engines.size(), 1u);
+  EXPECT_EQ(ended.provenance->engines[0].first_iteration, 4);
   const Verification result = Verify(engine, id);
   EXPECT_EQ(result.verdict, Verdict::kIdentical) << result.conclusion;
   EXPECT_EQ(result.recorded_digest, DigestOf(ended.spec, engine.History(id), ended.provenance->scenario_digest));
-  EXPECT_THAT(result.conclusion, HasSubstr(absl::StrCat("up to iteration ", before)));
+  EXPECT_THAT(result.conclusion, HasSubstr("up to iteration 3 the digest was made after the event"));
+}
+
+TEST_F(VerifyTest, AJobWhoseIterationsWereRemovedIsHeldAgainstItsDigest) {
+  const std::string id = Run(JobOf(SmallScenario(12)));
+  {
+    Engine engine(Database(), {.threads = 1}, false);
+    engine.store().retention().RemoveIterations(id, NowUs(),
+                                                [](const absl::Status& status) { EXPECT_TRUE(status.ok()) << status; });
+    engine.store().Flush();
+    const Verification result = Verify(engine, id);
+    EXPECT_EQ(result.verdict, Verdict::kIdentical) << result.conclusion;
+    EXPECT_EQ(result.digest, digest_);
+    EXPECT_EQ(result.recorded_digest, digest_);
+    EXPECT_THAT(result.conclusion, HasSubstr("its iterations were removed"));
+    const auto stretch = VerifyJob(engine.store(), id, {.first = 3}, [](const VerifyProgress&) { return true; });
+    EXPECT_EQ(ReasonOf(stretch.status()), "ITERATIONS_REMOVED");
+  }
+  Alter("UPDATE iterations SET cost = cost * 2 WHERE iteration = 12");
+  const Verification last = VerifyAgain(id);
+  EXPECT_EQ(last.verdict, Verdict::kDifferent);
+  EXPECT_EQ(last.first_difference->iteration, 12);
+  EXPECT_EQ(last.digest, digest_);
+  Alter("UPDATE iterations SET cost = cost / 2 WHERE iteration = 12");
+  Alter(absl::StrCat("UPDATE jobs SET digest = '", std::string(64, 'a'), "'"));
+  const Verification digest = VerifyAgain(id);
+  EXPECT_EQ(digest.verdict, Verdict::kDifferent);
+  EXPECT_THAT(digest.conclusion, HasSubstr("another digest"));
+  Alter("UPDATE jobs SET digest = NULL; UPDATE job_documents SET provenance = NULL");
+  EXPECT_EQ(VerifyAgain(id).verdict, Verdict::kIdentical);
 }
 
 TEST_F(VerifyTest, SaysWhatCannotBeVerified) {

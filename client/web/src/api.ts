@@ -20,6 +20,9 @@ interface ErrorBody {
   error?: { message?: string; details?: { "@type"?: string; field_violations?: Violation[] }[] };
 }
 
+// Told to the window when the server wants to know who asks.
+export const loggedOut = "orbitune-logged-out";
+
 function toError(code: number, text: string): ApiError {
   let body: ErrorBody = {};
   try {
@@ -46,8 +49,9 @@ export async function call<T>(method: string, path: string, body?: unknown, sign
     if (error instanceof DOMException && error.name === "AbortError") throw error;
     throw new ApiError("the server does not answer", 0);
   }
+  if (response.status === 401 && path !== "/v1/session") dispatchEvent(new Event(loggedOut));
   if (!response.ok) throw toError(response.status, text);
-  return JSON.parse(text) as T;
+  return (text === "" ? null : JSON.parse(text)) as T;
 }
 
 export const get = <T>(path: string, signal?: AbortSignal): Promise<T> => call<T>("GET", path, undefined, signal);
@@ -106,8 +110,10 @@ export class Stream<Event extends { seq: string } = JobEvent> {
       this.deliver(); // which may close this, where there was nothing more to tell
       if (this.source !== source) return;
       this.handlers.connected(false);
-      // CLOSED: the browser will not try again.
-      if (source.readyState === EventSource.CLOSED) this.timer = window.setTimeout(() => this.open(), 2000);
+      // CLOSED: the browser will not try again. Why, it does not tell: perhaps the session has ended.
+      if (source.readyState !== EventSource.CLOSED) return;
+      get("/v1/caller").catch(() => null);
+      this.timer = window.setTimeout(() => this.open(), 2000);
     };
   }
 

@@ -124,7 +124,8 @@ function steer(plot: uPlot, key: string): boolean {
   const step = Math.max(1, Math.round((to - from) / 50));
   const go = (index: number) => {
     const left = plot.valToPos(x[Math.max(from, Math.min(to, index))]!, "x");
-    plot.setCursor({ left, top: plot.over.clientHeight / 2 });
+    // The nearest point of an edge may be just beyond it, where there is no cursor.
+    plot.setCursor({ left: Math.max(0, Math.min(plot.over.clientWidth, left)), top: plot.over.clientHeight / 2 });
   };
   const zoom = (factor: number) => {
     const [low, high] = [min ?? x[0]!, max ?? x[last]!];

@@ -52,7 +52,7 @@ export const moreFields: FieldSpec[] = [
 ];
 export const gainFields: { key: "initial_gains" | "exploration_std"; label: string; flag: string; only?: string }[] = [
   { key: "initial_gains", label: "Initial gains K(1)", flag: "--initial-gains" },
-  { key: "exploration_std", label: "Exploration std of δ", flag: "--exploration-std", only: ars },
+  { key: "exploration_std", label: "Std of δ", flag: "--exploration-std", only: ars },
 ];
 
 export type Form = "chaser" | "keplerian" | "equinoctial" | "cartesian";

@@ -1,6 +1,7 @@
 // The dashboard: a view for each #/path, under one row of links.
 import { render } from "preact";
 import { useEffect, useState } from "preact/hooks";
+import { Session } from "./session";
 import { CampaignView } from "./views/campaign";
 import { CampaignsView, NewCampaignView } from "./views/campaigns";
 import { CompareView } from "./views/compare";
@@ -52,6 +53,7 @@ function App() {
   return (
     <>
       <a class="skip" href="#main" onClick={(e) => { e.preventDefault(); document.getElementById("main")?.focus(); }}>Skip to the content</a>
+      <Session>{(who) => (<>
       <header class="top">
         <a class="brand" href="#/jobs"><img src="favicon.svg" alt="" width="22" height="22" /> Orbitune</a>
         <nav aria-label="Views">
@@ -59,10 +61,12 @@ function App() {
             <a key={href} href={href} aria-current={at.split("?")[0] === href || (href.length > 6 && at.startsWith(`${href}/`)) || (href === "#/jobs" && at.startsWith("#/jobs/")) ? "page" : undefined}>{title}</a>
           ))}
         </nav>
+        {who}
       </header>
       <main id="main" tabIndex={-1}>
         <View hash={hash} />
       </main>
+      </>)}</Session>
     </>
   );
 }

@@ -95,7 +95,7 @@ function View({ plane, tracks, target }: { plane: Plane; tracks: Track[]; target
         ))}
         {point && <circle class="hover" cx={point.at[0]} cy={point.at[1]} r="4" />}
         <path class="scale" d={`M8 ${size - 8}h${drawn.scalePixels.toFixed(1)}`} />
-        <text class="scale" x="8" y={size - 13}>{`${significant(drawn.scale, 1)} km`}</text>
+        <text class="scale" x="8" y={size - 15}>{`${significant(drawn.scale, 1)} km`}</text>
         <text class="axes" x={size - 6} y={size - 8} text-anchor="end">{`→ ${plane.axes[0]}   ↑ ${plane.axes[1]}`}</text>
       </svg>
       <p class="readout">

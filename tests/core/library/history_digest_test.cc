@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "absl/strings/str_cat.h"
 #include "core/library/scenario_digest.h"
 #include "core/scenario/presets.h"
 
@@ -22,9 +23,9 @@ TEST(DigestTest, ReadsBackWhatItWrites) {
   EXPECT_EQ(DigestFromHex(ToHex(digest)), digest);
   const std::string text = ToHex(digest);
   EXPECT_EQ(DigestFromHex(text.substr(1)), std::nullopt);
-  EXPECT_EQ(DigestFromHex(text + "00"), std::nullopt);
-  EXPECT_EQ(DigestFromHex("B" + text.substr(1)), std::nullopt);
-  EXPECT_EQ(DigestFromHex("g" + text.substr(1)), std::nullopt);
+  EXPECT_EQ(DigestFromHex(absl::StrCat(text, "00")), std::nullopt);
+  EXPECT_EQ(DigestFromHex(absl::StrCat("B", text.substr(1))), std::nullopt);
+  EXPECT_EQ(DigestFromHex(absl::StrCat("g", text.substr(1))), std::nullopt);
 }
 
 IterationRecord Record() { return {.iteration = 258, .gains = {0.1, 1, -2.5, 1e-300, 10}, .cost = 812.628}; }
@@ -74,7 +75,7 @@ TEST(InputsTextTest, HasExactNumbersAndNoNames) {
   EXPECT_NE(text.find("\nhyperparameters.seed=18446744073709551615\n"), text.npos) << text;
   EXPECT_NE(text.find("\nhyperparameters.step_size=3fb999999999999a\n"), text.npos) << text;
   EXPECT_NE(text.find("\nhyperparameters.algorithm=ALGORITHM_ARS\n"), text.npos) << text;
-  EXPECT_NE(text.find("\nscenario_digest=" + ScenarioDigest(scenario) + "\n"), text.npos) << text;
+  EXPECT_NE(text.find(absl::StrCat("\nscenario_digest=", ScenarioDigest(scenario), "\n")), text.npos) << text;
   EXPECT_EQ(text.find("secret"), text.npos);
 }
 

@@ -136,6 +136,38 @@ TEST_P(BatchSimulator, KnowsEveryOutcome) {
   EXPECT_NEAR(results[4].cost, 812.6278342, 1e-6 * 812.6);
 }
 
+// A batch that would fly for hours ends soon after it is told to, in whatever engine its episodes are.
+TEST_P(BatchSimulator, EndsWhenItIsCancelled) {
+  const auto prepared = *Prepare(*FindPreset("gto-geo"));
+  EpisodeProblem endless = prepared.problem;
+  endless.horizon_samples = 7'000'000;
+  EpisodeProblem held = endless;
+  held.hold = ControlHold::kZeroOrder;
+  const Gains k = FindPreset("gto-geo")->search.initial_gains;
+  for (const EpisodeProblem* problem : {&endless, &held}) {
+    const std::vector<BatchEpisode> batch(300, {.problem = problem, .gains = k, .early_exit = false});
+    std::vector<EpisodeResult> results(batch.size());
+    int asked = 0;
+    EXPECT_TRUE(SimulateBatch(batch, results, [&asked] { return ++asked > 3; }).cancelled);
+    EXPECT_GT(asked, 3);
+  }
+}
+
+TEST_P(BatchSimulator, SaysWhatItMadeOfTheLanes) {
+  const auto prepared = *Prepare(*FindPreset("gto-geo"));
+  const Gains k = FindPreset("gto-geo")->search.initial_gains;
+  const std::size_t full = simd::LaneCount();
+  for (const std::size_t count : {full, std::size_t{1}}) {
+    const std::vector<BatchEpisode> batch(count, {.problem = &prepared.problem, .gains = k});
+    std::vector<EpisodeResult> results(count);
+    const BatchUse use = SimulateBatch(batch, results, [] { return false; });
+    EXPECT_FALSE(use.cancelled);
+    const std::int64_t attempts = results[0].steps + results[0].rejected_steps;
+    EXPECT_EQ(use.used_lane_steps, attempts * static_cast<std::int64_t>(count));
+    EXPECT_EQ(use.lane_steps, attempts * static_cast<std::int64_t>(full));  // equal episodes end together
+  }
+}
+
 TEST(BatchSimulatorTargets, ThoseWithAFusedMultiplyAddGiveTheSameBits) {
   const auto drawn = Draw(testing::Cases(300), 5000);
   std::vector<std::vector<EpisodeResult>> fused;

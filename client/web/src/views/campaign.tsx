@@ -6,6 +6,7 @@ import { Chart } from "../chart";
 import { count, enumText, fixed, idOf, percent, real, significant, utc } from "../format";
 import { isTerminal } from "../job_events";
 import { Copy, Facts, Fault, GainsLine, Progress, State, gainName, orbitText } from "../parts";
+import { Projections } from "../projection";
 import { isMissing, messageOf, useTitle } from "../store";
 import { type Campaign, type CampaignEvent, type CampaignMember, type CampaignResults, type GainsComparison, type MemberEpisode, gainKeys } from "../types";
 import { ended } from "./campaigns";
@@ -246,7 +247,11 @@ function Flights({ campaign, members }: { campaign: Campaign; members: CampaignM
   }, [key, campaign.state]);
   const drawn = useMemo(() => {
     const { hours, rows } = joined(flights);
-    return { hours, distance: rows.map((row) => row.map((s) => s?.distance_km ?? null)) };
+    return {
+      hours,
+      distance: rows.map((row) => row.map((s) => s?.distance_km ?? null)),
+      tracks: flights.map((f) => ({ label: f.label, colour: f.colour.slice(2), samples: f.episode.trajectory })),
+    };
   }, [flights]);
   if (error) return <Fault>{`The flights could not be simulated: ${error}`}</Fault>;
   if (flights.length === 0) return null;
@@ -263,6 +268,7 @@ function Flights({ campaign, members }: { campaign: Campaign; members: CampaignM
         height={320}
         curves={flights.map((f, i) => ({ label: f.label, colour: f.colour, unit: "km", values: drawn.distance[i] ?? [], width: f.colour === "--before" ? 1 : 1.5 }))}
       />
+      <Projections tracks={drawn.tracks} />
     </section>
   );
 }

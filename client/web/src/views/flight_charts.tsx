@@ -46,7 +46,7 @@ export function FlightCharts({ flights, sync, settlingKm }: { flights: Flown[]; 
       </div>
       <Projections tracks={drawn.tracks} />
       <div class="grid two">
-        <Chart {...time} title="Control ‖u‖" yLabel="mm/s²" curves={curves(drawn.thrust, "mm/s²")} />
+        <Chart {...time} title="Control ‖u‖" yLabel="mm/s²" log curves={curves(drawn.thrust, "mm/s²")} />
         <Chart
           {...time}
           title={`Control of ${newest}`}

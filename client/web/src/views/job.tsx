@@ -136,6 +136,7 @@ function resultRows(rho: number): Row[] {
 function Report({ job }: { job: Job }) {
   const report = job.report!;
   const rho = job.scenario_definition?.fuel_weight ?? NaN;
+  const units = job.scenario_definition ? gainUnits(job.scenario_definition) : null;
   const columns: [string, GainsAssessment][] = [
     [`First, i = 1`, report.initial],
     [`Last, i = ${count(report.final.iteration)}`, report.final],
@@ -168,7 +169,7 @@ function Report({ job }: { job: Job }) {
             </tr>
             {gainKeys.map((key, i) => (
               <tr key={key}>
-                <th scope="row">{gainName(i)}</th>
+                <th scope="row">{gainName(i)}{units && <small>{`, × ${brief(i === 0 ? units.velocity_m_s : 1000 * units.acceleration_m_s2, 6)} ${i === 0 ? "m/s" : "mm/s²"}`}</small>}</th>
                 {columns.map(([column, of]) => <td class="number" key={column}>{significant(of.gains[key], 6)}</td>)}
                 <td />
               </tr>
@@ -278,13 +279,13 @@ function useFlights(job: Job | null, start: number): { flights: Flown[]; error: 
   const first = job?.initial_iteration;
   const best = job?.best_iteration;
   const ended = job !== null && isTerminal(job.state);
-  // While it runs, every ten seconds' best.
+  // While it runs: soon after it began, when most changes, and then every ten seconds.
   const [turn, setTurn] = useState(0);
   useEffect(() => {
     if (ended || !first) return;
-    const timer = setInterval(() => setTurn((t) => t + 1), 10_000);
-    return () => clearInterval(timer);
-  }, [ended, !first]);
+    const timer = setTimeout(() => setTurn((t) => t + 1), turn < 3 ? 2000 : 10_000);
+    return () => clearTimeout(timer);
+  }, [ended, !first, turn]);
   const key = !first || !best ? "" : `${job!.name} ${start} ${ended ? best.iteration : `turn ${turn}`}`;
   const flown = useRef("");
   useEffect(() => {
