@@ -139,7 +139,7 @@ class Killed {
 
   struct Place {
     std::string grpc;
-    std::string http;
+    std::string http;  // empty: it is killed
     int life = 0;
   };
   Place place() {
@@ -152,16 +152,12 @@ class Killed {
   }
 
   void KillAndStart() {
-    {
-      const std::unique_lock lock(open_mutex);
-      server_->KillHard();
-    }
+    Kill();
     Start();
   }
   // One more kill, in the middle of a start.
   void KillAStart(std::chrono::milliseconds after) {
-    const std::unique_lock lock(open_mutex);
-    server_->KillHard();
+    Kill();
     Process starting(Prefix(), ServerCommand(Arguments()));
     std::this_thread::sleep_for(after);
     starting.Signal(SIGKILL);
@@ -178,6 +174,12 @@ class Killed {
   std::string Prefix() { return directory_.File("crashed-" + std::to_string(++processes_)); }
   std::vector<std::string> Arguments() {
     return {"--data-dir", directory_.File("crashed"), "--listen", "127.0.0.1:0", "--threads", "2"};
+  }
+  void Kill() {
+    const std::unique_lock no_opening(open_mutex);
+    const std::lock_guard lock(mutex_);
+    place_.http.clear();
+    server_->KillHard();
   }
   void Start() {
     server_ = std::make_unique<Server>(Prefix(), Arguments());
@@ -343,7 +345,7 @@ class CrashTest : public ::testing::Test {
     std::unique_ptr<EventStream> stream;
     {
       const std::shared_lock lock(killed.open_mutex);
-      if (killed.place().life != place.life) return "";
+      if (place.http.empty() || killed.place().http != place.http) return "";
       stream = std::make_unique<EventStream>(
           place.http, "/v1/" + name + ":watch?resume_after_seq=" + std::to_string(heard.last_seq), /*sse=*/true);
     }

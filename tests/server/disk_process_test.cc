@@ -143,8 +143,11 @@ TEST_F(DiskProcessTest, AJobOutlastsALockThatIsHeldForAWhile) {
   ExpectToOutlast(
       [&](Server&) {
         other = *Connection::Open(Database(), Connection::Mode::kReadWrite);
-        // As soon as the writer lets it in.
-        Await([&] { return other->Execute("BEGIN IMMEDIATE").ok(); });
+        // Between two commits of the writer, which is quick to come again.
+        ASSERT_TRUE(other->Execute("PRAGMA busy_timeout = 0").ok());
+        const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(2);
+        while (!other->Execute("BEGIN IMMEDIATE").ok() && std::chrono::steady_clock::now() < deadline) {
+        }
       },
       [&](Server&) { EXPECT_TRUE(other->Execute("COMMIT").ok()); }, "locked");
 }
