@@ -56,9 +56,6 @@ test("a job from the form: checked as one types, followed as it runs, reduced by
   const name = await nameOn(page);
 
   await stateOn(page, "SUCCEEDED");
-  const shown = await page.evaluate(() => window.shown);
-  assert.ok(shown.length >= 3, `the count grew before one's eyes: ${shown}`);
-  assert.deepEqual(shown, [...shown].sort((x, y) => x - y));
   await becomes(() => iterationsOn(page), 2000);
   await page.getByTestId("reduction-of-j").waitFor();
   const reduction = parseFloat(await page.getByTestId("reduction-of-j").textContent());
@@ -90,11 +87,12 @@ test("a job from the form: checked as one types, followed as it runs, reduced by
 test("pause, resume, kill -9 and a new start: the page goes on, nothing is missing and nothing is twice", async () => {
   const { page, errors } = await openPage(browser, { expected: /ERR_(CONNECTION|INCOMPLETE|EMPTY|NETWORK)/ });
   await page.goto(`${server.base}/#/new`);
-  await page.getByLabel("Iterations M").fill("100000");
+  await page.getByLabel("Iterations M").fill("1000000");
   await page.getByLabel("Seed", { exact: true }).fill("5");
   await page.getByRole("button", { name: "Submit" }).click();
   const name = await nameOn(page);
   await beyond(page, 20);
+  await page.waitForFunction(() => window.shown.length >= 5);
   await page.getByRole("button", { name: /^pause/ }).click();
   await stateOn(page, "PAUSED");
   await becomes(async () => (await iterationsOn(page)) === Number((await server.get(`/v1/${name}`)).completed_iterations), true);
@@ -125,7 +123,9 @@ test("pause, resume, kill -9 and a new start: the page goes on, nothing is missi
   const job = await server.get(`/v1/${name}`);
   await becomes(() => page.evaluate(() => window.told.at(-1)), Number(job.last_seq));
   await becomes(() => iterationsOn(page), job.completed_iterations);
-  assert.ok(job.completed_iterations < 100_000, "all this was on its way");
+  assert.ok(job.completed_iterations < 1_000_000, "all this was on its way");
+  const shown = await page.evaluate(() => window.shown);
+  assert.deepEqual(shown, [...shown].sort((x, y) => x - y), "the count only grew");
   const told = await page.evaluate(() => window.told);
   for (let i = 1; i < told.length; ++i) assert.equal(told[i], told[i - 1] + 1, `event ${i} of those told`);
   assert.deepEqual(errors, []);
