@@ -83,8 +83,7 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
   }
 
  private:
-  // What is taken from the feed at a time. All but the last of it may wait in gRPC's buffer for the last: one write to
-  // the socket.
+  // What is taken from the feed at a time.
   static constexpr std::size_t kTogether = 16;
 
   void Next() {
@@ -101,9 +100,9 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
   }
 
   void Write() {
-    grpc::WriteOptions options;
-    if (sent_ + 1 < items_.size()) options.set_buffer_hint();
-    this->StartWrite(static_cast<const Response*>(items_[sent_++]->message.get()), options);
+    // Without a buffer hint: gRPC 1.51 may keep what was hinted until the connection's next sign of life, half a
+    // minute.
+    this->StartWrite(static_cast<const Response*>(items_[sent_++]->message.get()));
   }
 
   const std::shared_ptr<Feed> feed_;

@@ -507,7 +507,7 @@ TEST_F(RpcTest, EveryMethodHasItsHttpRule) {
       EXPECT_THAT(route, StartsWith("/v1/")) << method.full_name();
     }
   }
-  EXPECT_EQ(methods, 12);
+  EXPECT_EQ(methods, 13);
 }
 
 TEST_F(RpcTest, HealthIsServing) {
