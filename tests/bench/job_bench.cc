@@ -62,7 +62,8 @@ class NullStore final : public JobStore {
   absl::StatusOr<std::vector<IterationRecord>> ListIterations(const std::string&, int, int) const override {
     return std::vector<IterationRecord>();
   }
-  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string&, IterationRange, int) const override {
+  absl::StatusOr<std::vector<IterationRecord>> SampleIterations(const std::string&, IterationRange,
+                                                                int) const override {
     return std::vector<IterationRecord>();
   }
   absl::StatusOr<std::vector<JobEvent>> ListEvents(const std::string&, std::int64_t, int) const override {
