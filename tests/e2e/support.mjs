@@ -113,7 +113,7 @@ function record() {
     constructor(...given) {
       super(...given);
       for (const kind of ["iteration", "state_change"]) {
-        this.addEventListener(kind, (event) => window.told.push(Number(JSON.parse(event.data).seq)));
+        this.addEventListener(kind, (event) => window.told.push(Number(event.lastEventId)));
       }
     }
   };

@@ -291,7 +291,7 @@ function useFlights(job: Job | null, start: number): { flights: Flown[]; error: 
   useEffect(() => {
     const scenario = job?.scenario_definition;
     if (key === "" || !scenario || !first || !best) return;
-    const what = `${job.name} ${start} ${best.iteration}`;
+    const what = `${job.name} ${start} ${best.iteration} ${ended}`;
     if (flown.current === what) return;
     const abort = new AbortController();
     const expected = Math.max(first.settling_samples, best.settling_samples);
@@ -303,7 +303,8 @@ function useFlights(job: Job | null, start: number): { flights: Flown[]; error: 
         setError("");
         setFlights([
           { label: "first, i = 1", colour: "--before", episode: before },
-          { label: `best, i = ${count(best.iteration)}`, colour: "--after", episode: after },
+          // One name while it changes: the charts stay and take new curves, which is far quicker than new charts.
+          { label: ended ? `best, i = ${count(best.iteration)}` : "best so far", colour: "--after", episode: after },
         ]);
       })
       .catch((e: unknown) => abort.signal.aborted || setError(messageOf(e)));
