@@ -58,7 +58,7 @@ def seconds_of(timestamp):
 def server_iterations_per_s(binaries, directory):
     command = [f"{binaries}/orbituned", "--data-dir", f"{directory}/server", "--listen", "127.0.0.1:0", "--http",
                "127.0.0.1:0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
         try:
             address = next(line.split()[1] for line in server.stdout if line.startswith("http "))
 
