@@ -38,8 +38,7 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
   void OnDone() override { delete this; }
 
  private:
-  // What is taken from the feed at a time. All but the last of it may wait in gRPC's buffer for the last: one write to
-  // the socket.
+  // What is taken from the feed at a time.
   static constexpr std::size_t kTogether = 16;
 
   void Next() {
@@ -52,11 +51,7 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
     });
   }
 
-  void Write() {
-    grpc::WriteOptions options;
-    if (sent_ + 1 < items_.size()) options.set_buffer_hint();
-    this->StartWrite(static_cast<const Response*>(&items_[sent_++]->message()), options);
-  }
+  void Write() { this->StartWrite(static_cast<const Response*>(&items_[sent_++]->message())); }
 
   const std::shared_ptr<Feed> feed_;
   std::vector<FeedItem> items_;
