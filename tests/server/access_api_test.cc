@@ -23,11 +23,6 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using Reply = HttpClient::Reply;
 
-std::int64_t Now() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
-
 // More than all methods are called wrongly in a test here.
 constexpr int kFailures = 250;
 
@@ -40,9 +35,9 @@ class AccessApiTest : public testing::Test {
     ana_ = AddToken("ana", Role::kOperator);
     bob_ = AddToken("bob", Role::kOperator);
     admin_ = AddToken("root", Role::kAdmin);
-    expired_ = AddToken("late", Role::kAdmin, Now() - 1);
+    expired_ = AddToken("late", Role::kAdmin, NowUs() - 1);
     revoked_ = AddToken("gone", Role::kAdmin);
-    EXPECT_TRUE(console_->RevokeTokens("gone", Now()).ok());
+    EXPECT_TRUE(console_->RevokeTokens("gone", NowUs()).ok());
     access_ = *Access::Open(directory_.File("access.db"),
                             {.failures_at_once = kFailures, .period = std::chrono::milliseconds(10)});
     api_ = std::make_unique<Api>(engine_.use_cases(), engine_.campaigns(), engine_.gains(), access_.get());
@@ -62,7 +57,7 @@ class AccessApiTest : public testing::Test {
                                 .name = name,
                                 .role = role,
                                 .digest = secret.digest,
-                                .create_time_us = Now(),
+                                .create_time_us = NowUs(),
                                 .expire_time_us = expire_time_us})
                     .ok());
     return secret.text;
@@ -372,7 +367,7 @@ TEST_F(AccessApiTest, StreamsEndWithTheTokenThatOpenedThem) {
   EventStream stream(http_->address(), "/v1/" + job + ":watch", true, Bearer(viewer_));
   ASSERT_EQ(stream.head().code, 200);
   EventStream others(http_->address(), "/v1/" + job + ":watch", true, Bearer(bob_));
-  ASSERT_TRUE(console_->RevokeTokens("vera", Now()).ok());
+  ASSERT_TRUE(console_->RevokeTokens("vera", NowUs()).ok());
   while (reader->Read(&event)) {
   }
   EXPECT_EQ(reader->Finish().error_code(), StatusCode::UNAUTHENTICATED);

@@ -7,7 +7,6 @@
 #include <thread>
 
 #include "server/api/json.h"
-#include "tests/server/engine_support.h"
 #include "tests/server/rest_support.h"
 #include "tests/server/rpc_support.h"
 
@@ -16,19 +15,10 @@ namespace {
 
 using ::testing::HasSubstr;
 
-class RestStreamTest : public ::testing::Test {
+class RestStreamTest : public RpcServerTest {
  protected:
-  RestStreamTest() : engine_(directory_.File("jobs.db")) {
-    auto rpc = RpcServer::Start("127.0.0.1:0", api_);
-    EXPECT_TRUE(rpc.ok()) << rpc.status();
-    rpc_ = *std::move(rpc);
-    client_ = std::make_unique<Client>(rpc_->address());
-    Start({});
-  }
-  ~RestStreamTest() override {
-    http_->Shutdown(std::chrono::seconds(2));
-    rpc_->Shutdown(std::chrono::seconds(2));
-  }
+  RestStreamTest() { Start({}); }
+  ~RestStreamTest() override { http_->Shutdown(std::chrono::seconds(2)); }
 
   void Start(HttpOptions options) {
     options.address = "127.0.0.1:0";
@@ -67,11 +57,6 @@ class RestStreamTest : public ::testing::Test {
     return events;
   }
 
-  TemporaryDirectory directory_;
-  Engine engine_;
-  Api api_{engine_.use_cases(), engine_.campaigns(), engine_.gains()};
-  std::unique_ptr<RpcServer> rpc_;
-  std::unique_ptr<Client> client_;
   std::unique_ptr<HttpServer> http_;
 
  private:

@@ -14,7 +14,6 @@
 #include "server/rest/openapi.h"
 #include "server/rest/routes.h"
 #include "server/rest/transcode.h"
-#include "tests/server/engine_support.h"
 #include "tests/server/rest_support.h"
 #include "tests/server/rpc_support.h"
 
@@ -28,17 +27,11 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
 
-class RestTest : public ::testing::Test {
+class RestTest : public RpcServerTest {
  protected:
-  RestTest() : engine_(directory_.File("jobs.db")) {
-    auto rpc = RpcServer::Start("127.0.0.1:0", api_);
-    EXPECT_TRUE(rpc.ok()) << rpc.status();
-    rpc_ = *std::move(rpc);
-    Start({});
-  }
+  RestTest() { Start({}); }
   ~RestTest() override {
     if (http_ != nullptr) http_->Shutdown(std::chrono::seconds(2));
-    rpc_->Shutdown(std::chrono::seconds(2));
   }
 
   void Start(HttpOptions options) {
@@ -79,10 +72,6 @@ class RestTest : public ::testing::Test {
     std::ofstream(path) << text;
   }
 
-  TemporaryDirectory directory_;
-  Engine engine_;
-  Api api_{engine_.use_cases(), engine_.campaigns(), engine_.gains()};
-  std::unique_ptr<RpcServer> rpc_;
   std::unique_ptr<HttpServer> http_;
 };
 
@@ -120,16 +109,15 @@ TEST_F(RestTest, EveryMethodHasARoute) {
 }
 
 TEST_F(RestTest, TheRoutesAnswerAsGrpcDoes) {
-  Client client(rpc_->address());
   const std::string body = ToJson(CreateRequest(12).job());
   const v1::Job valid = Parsed<v1::Job>(Post("/v1/jobs?validate_only=true&request_id=a%20b", body));
   EXPECT_EQ(valid.name(), "");
   const v1::Job job = Parsed<v1::Job>(Post("/v1/jobs?requestId=one", body));
   EXPECT_EQ(Parsed<v1::Job>(Post("/v1/jobs?request_id=one", body)).name(), job.name());
-  client.WaitForEnd(job.name());
+  client_->WaitForEnd(job.name());
 
-  EXPECT_EQ(Get("/v1/" + job.name()).body, ToJson(client.Get(job.name())) + "\n");
-  EXPECT_EQ(Get("/v1/" + job.name() + "/iterations").body, ToJson(client.Iterations(job.name())) + "\n");
+  EXPECT_EQ(Get("/v1/" + job.name()).body, ToJson(client_->Get(job.name())) + "\n");
+  EXPECT_EQ(Get("/v1/" + job.name() + "/iterations").body, ToJson(client_->Iterations(job.name())) + "\n");
   const auto page = Parsed<v1::ListIterationsResponse>(Get("/v1/" + job.name() + "/iterations?page_size=5"));
   EXPECT_EQ(page.iterations_size(), 5);
   const auto next = Parsed<v1::ListIterationsResponse>(
@@ -149,7 +137,7 @@ TEST_F(RestTest, TheRoutesAnswerAsGrpcDoes) {
   episode.set_include_trajectory(true);
   v1::SimulateEpisodeResponse expected;
   grpc::ClientContext context;
-  ASSERT_TRUE(client.simulation().SimulateEpisode(&context, episode, &expected).ok());
+  ASSERT_TRUE(client_->simulation().SimulateEpisode(&context, episode, &expected).ok());
   EXPECT_EQ(Post("/v1/episodes:simulate", ToJson(episode)).body, ToJson(expected) + "\n");
 
   EXPECT_EQ(Call("DELETE", "/v1/" + job.name()).body, "{}\n");
@@ -336,9 +324,8 @@ std::string SchemaFault(const Json& document, Json schema, const Json& value) {
 }
 
 TEST_F(RestTest, OpenApiDescribesTheLiveServer) {
-  Client client(rpc_->address());
-  const std::string id = client.Create(3).substr(5);
-  client.WaitForEnd("jobs/" + id);
+  const std::string id = client_->Create(3).substr(5);
+  client_->WaitForEnd("jobs/" + id);
   const Json document = Json::parse(Get("/openapi.json").body);
   EXPECT_EQ(document.at("openapi"), "3.0.3");
   std::size_t operations = 0;

@@ -4,34 +4,15 @@
 
 #include "orbitune/v1/campaign.grpc.pb.h"
 #include "server/convert/campaign.h"
-#include "tests/server/engine_support.h"
 #include "tests/server/rpc_support.h"
 
 namespace orbitune::server_test {
 namespace {
 
 using ::testing::HasSubstr;
-using Stub = v1::CampaignService::Stub;
 
-class RpcCampaignTest : public testing::Test {
+class RpcCampaignTest : public RpcServiceTest<v1::CampaignService> {
  protected:
-  RpcCampaignTest()
-      : engine_(directory_.File("orbitune.db")), api_(engine_.use_cases(), engine_.campaigns(), engine_.gains()) {
-    auto server = RpcServer::Start("127.0.0.1:0", api_);
-    EXPECT_TRUE(server.ok()) << server.status();
-    server_ = *std::move(server);
-    client_ = std::make_unique<Client>(server_->address());
-    stub_ = v1::CampaignService::NewStub(client_->channel());
-  }
-  ~RpcCampaignTest() override { server_->Shutdown(std::chrono::milliseconds(500)); }
-
-  template <typename Request, typename Response>
-  grpc::Status Call(grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
-                    const Request& request, Response* response) {
-    grpc::ClientContext context;
-    return (*stub_.*method)(&context, request, response);
-  }
-
   // So many draws of the small scenario.
   static v1::CreateCampaignRequest Request(int count, int iterations, int held_out = 0) {
     v1::CreateCampaignRequest request;
@@ -60,13 +41,6 @@ class RpcCampaignTest : public testing::Test {
     *status = reader->Finish();
     return messages;
   }
-
-  TemporaryDirectory directory_;
-  Engine engine_;
-  Api api_;
-  std::unique_ptr<RpcServer> server_;
-  std::unique_ptr<Client> client_;
-  std::unique_ptr<Stub> stub_;
 };
 
 TEST_F(RpcCampaignTest, IsCreatedWatchedListedAndDeleted) {

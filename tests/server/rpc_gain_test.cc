@@ -4,33 +4,13 @@
 
 #include "orbitune/v1/campaign.grpc.pb.h"
 #include "orbitune/v1/gains.grpc.pb.h"
-#include "tests/server/engine_support.h"
 #include "tests/server/rpc_support.h"
 
 namespace orbitune::server_test {
 namespace {
 
-using Stub = v1::GainService::Stub;
-
-class RpcGainTest : public testing::Test {
+class RpcGainTest : public RpcServiceTest<v1::GainService> {
  protected:
-  RpcGainTest()
-      : engine_(directory_.File("orbitune.db")), api_(engine_.use_cases(), engine_.campaigns(), engine_.gains()) {
-    auto server = RpcServer::Start("127.0.0.1:0", api_);
-    EXPECT_TRUE(server.ok()) << server.status();
-    server_ = *std::move(server);
-    client_ = std::make_unique<Client>(server_->address());
-    stub_ = v1::GainService::NewStub(client_->channel());
-  }
-  ~RpcGainTest() override { server_->Shutdown(std::chrono::milliseconds(500)); }
-
-  template <typename Request, typename Response>
-  grpc::Status Call(grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
-                    const Request& request, Response* response) {
-    grpc::ClientContext context;
-    return (*stub_.*method)(&context, request, response);
-  }
-
   // A finished job of the small scenario; its id is its gain set's, too.
   std::string FinishedJob() {
     const std::string id = client_->Create(2);
@@ -52,13 +32,6 @@ class RpcGainTest : public testing::Test {
     EXPECT_TRUE(status.ok()) << status.error_message();
     return set;
   }
-
-  TemporaryDirectory directory_;
-  Engine engine_;
-  Api api_;
-  std::unique_ptr<RpcServer> server_;
-  std::unique_ptr<Client> client_;
-  std::unique_ptr<Stub> stub_;
 };
 
 TEST_F(RpcGainTest, WithNothingStoredSaysSoAndFliesTheInitialGains) {

@@ -1,14 +1,11 @@
 #include "tests/server/rpc_support.h"
 
-#include <gtest/gtest.h>
-
 #include <chrono>
 #include <thread>
 
 #include "google/rpc/error_info.pb.h"
 #include "google/rpc/status.pb.h"
 #include "server/convert/orbit.h"
-#include "tests/server/engine_support.h"
 
 namespace orbitune::server_test {
 
@@ -159,5 +156,14 @@ grpc::Status Watch::Finish() {
   finished_ = true;
   return reader_->Finish();
 }
+
+std::unique_ptr<RpcServer> StartRpcServer(Api& api) {
+  auto server = RpcServer::Start("127.0.0.1:0", api);
+  EXPECT_TRUE(server.ok()) << server.status();
+  return *std::move(server);
+}
+
+RpcServerTest::RpcServerTest(const ApiLimits& limits)
+    : api_(engine_.use_cases(), engine_.campaigns(), engine_.gains(), nullptr, limits) {}
 
 }  // namespace orbitune::server_test

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
 
 #include <memory>
 #include <string>
@@ -12,6 +13,7 @@
 #include "orbitune/v1/simulation.grpc.pb.h"
 #include "orbitune/v1/tuning.grpc.pb.h"
 #include "server/rpc/server.h"
+#include "tests/server/engine_support.h"
 
 namespace orbitune::server_test {
 
@@ -89,6 +91,38 @@ class Watch {
   grpc::ClientContext context_;
   std::unique_ptr<grpc::ClientReader<v1::WatchJobResponse>> reader_;
   bool finished_ = false;
+};
+
+// At any free port; fails the test where it cannot.
+std::unique_ptr<RpcServer> StartRpcServer(Api& api);
+
+// For a test of the RPCs: an engine, a server for it in this process, and a client.
+class RpcServerTest : public testing::Test {
+ protected:
+  explicit RpcServerTest(const ApiLimits& limits = {});
+  ~RpcServerTest() override { server_->Shutdown(std::chrono::seconds(2)); }
+
+  TemporaryDirectory directory_;
+  Engine engine_{directory_.File("jobs.db")};
+  Api api_;
+  const std::unique_ptr<RpcServer> server_ = StartRpcServer(api_);
+  const std::unique_ptr<Client> client_ = std::make_unique<Client>(server_->address());
+};
+
+// For a test of one service, such as v1::GainService.
+template <typename Service>
+class RpcServiceTest : public RpcServerTest {
+ protected:
+  using Stub = typename Service::Stub;
+
+  template <typename Request, typename Response>
+  grpc::Status Call(grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
+                    const Request& request, Response* response) {
+    grpc::ClientContext context;
+    return (*stub_.*method)(&context, request, response);
+  }
+
+  const std::unique_ptr<Stub> stub_ = Service::NewStub(client_->channel());
 };
 
 }  // namespace orbitune::server_test

@@ -10,7 +10,6 @@
 
 #include "google/api/annotations.pb.h"
 #include "grpc/health/v1/health.pb.h"
-#include "tests/server/engine_support.h"
 #include "tests/server/rpc_support.h"
 
 namespace orbitune::server_test {
@@ -28,23 +27,15 @@ using ::testing::StartsWith;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr std::size_t kTenMegabytes = 10 << 20;
 
-class RpcTest : public ::testing::Test {
+class RpcTest : public RpcServerTest {
  protected:
-  RpcTest() : engine_(directory_.File("jobs.db")) {
-    auto server = RpcServer::Start("127.0.0.1:0", api_);
-    EXPECT_TRUE(server.ok()) << server.status();
-    server_ = *std::move(server);
-    client_ = std::make_unique<Client>(server_->address());
-    running_ = client_->Create(SearchOptions::kMaxIterations);
-    client_->WaitForIterations(running_, 1);
-  }
+  RpcTest() { client_->WaitForIterations(running_, 1); }
 
   // Whatever a test has done, the server is up and the other job has run on.
   ~RpcTest() override {
     const v1::Job job = client_->Get(running_);
     EXPECT_EQ(job.state(), v1::JOB_STATE_RUNNING);
     client_->WaitForIterations(running_, job.completed_iterations() + 1);
-    server_->Shutdown(std::chrono::seconds(2));
   }
 
   // A call of any unary method.
@@ -69,12 +60,7 @@ class RpcTest : public ::testing::Test {
     return status;
   }
 
-  TemporaryDirectory directory_;
-  Engine engine_;
-  Api api_{engine_.use_cases(), engine_.campaigns(), engine_.gains()};
-  std::unique_ptr<RpcServer> server_;
-  std::unique_ptr<Client> client_;
-  std::string running_;
+  const std::string running_ = client_->Create(SearchOptions::kMaxIterations);
 };
 
 // One fault: its field, what the description must contain of the range, and the value.

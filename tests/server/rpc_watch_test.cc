@@ -8,7 +8,6 @@
 #include <optional>
 #include <thread>
 
-#include "tests/server/engine_support.h"
 #include "tests/server/rpc_support.h"
 
 namespace orbitune::server_test {
@@ -103,16 +102,8 @@ class GatedStore final : public JobStore {
   std::optional<Reads> closed_;
 };
 
-class WatchTest : public ::testing::Test {
+class WatchTest : public RpcServerTest {
  protected:
-  WatchTest() : engine_(directory_.File("jobs.db")) {
-    auto server = RpcServer::Start("127.0.0.1:0", api_);
-    EXPECT_TRUE(server.ok()) << server.status();
-    server_ = *std::move(server);
-    client_ = std::make_unique<Client>(server_->address());
-  }
-  ~WatchTest() override { server_->Shutdown(std::chrono::seconds(2)); }
-
   // Commits an event of a job that the scheduler does not know, and publishes it.
   void Commit(const std::string& id, std::int64_t seq, const StateChange& change) {
     engine_.store().ChangeState(id, seq, change, [this, id, seq, change](const absl::Status& status) {
@@ -131,12 +122,6 @@ class WatchTest : public ::testing::Test {
 
   // A job of `kManyEvents` that is over before its watcher reads on; what the watcher then gets.
   std::vector<v1::WatchJobResponse> WatchSlowly(v1::Delivery delivery);
-
-  TemporaryDirectory directory_;
-  Engine engine_;
-  Api api_{engine_.use_cases(), engine_.campaigns(), engine_.gains()};
-  std::unique_ptr<RpcServer> server_;
-  std::unique_ptr<Client> client_;
 };
 
 StateChange StateOf(JobState state) { return {.state = state, .time_us = NowUs(), .message = {}, .report = {}}; }
@@ -383,22 +368,16 @@ TEST_F(WatchTest, ADrainEndsWatchersWithUnavailable) {
 // With a store whose reads take as long as the test wants.
 class SlowStoreTest : public WatchTest {
  protected:
-  SlowStoreTest() : use_cases_(gated_, engine_.scheduler(), engine_.hub()) {
-    auto server = RpcServer::Start("127.0.0.1:0", slow_api_);
-    EXPECT_TRUE(server.ok()) << server.status();
-    slow_server_ = *std::move(server);
-    slow_client_ = std::make_unique<Client>(slow_server_->address());
-  }
   ~SlowStoreTest() override {
     gated_.Open();
     slow_server_->Shutdown(std::chrono::seconds(2));
   }
 
   GatedStore gated_{engine_.store()};
-  UseCases use_cases_;
+  UseCases use_cases_{gated_, engine_.scheduler(), engine_.hub()};
   Api slow_api_{use_cases_, engine_.campaigns(), engine_.gains()};
-  std::unique_ptr<RpcServer> slow_server_;
-  std::unique_ptr<Client> slow_client_;
+  const std::unique_ptr<RpcServer> slow_server_ = StartRpcServer(slow_api_);
+  const std::unique_ptr<Client> slow_client_ = std::make_unique<Client>(slow_server_->address());
 };
 
 // The hub lets go of a job's end at once: a watcher that was reading the store when it came must read again.

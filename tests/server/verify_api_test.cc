@@ -12,7 +12,6 @@
 #include "core/library/history_digest.h"
 #include "server/convert/job.h"
 #include "storage/sqlite_connection.h"
-#include "tests/server/engine_support.h"
 #include "tests/server/rest_support.h"
 #include "tests/server/rpc_support.h"
 
@@ -86,23 +85,16 @@ class Occupied {
 constexpr int kThreads = 2;
 constexpr int kMostWaiting = 16;
 
-class VerifyApiTest : public ::testing::Test {
+class VerifyApiTest : public RpcServerTest {
  protected:
-  VerifyApiTest() : engine_(directory_.File("jobs.db")) {
-    auto rpc = RpcServer::Start("127.0.0.1:0", api_);
-    EXPECT_TRUE(rpc.ok()) << rpc.status();
-    rpc_ = *std::move(rpc);
-    client_ = std::make_unique<Client>(rpc_->address());
+  VerifyApiTest() : RpcServerTest({.calls = {.max_calls_waiting = kMostWaiting}}) {
     HttpOptions options;
     options.address = "127.0.0.1:0";
     auto http = HttpServer::Start(std::move(options), api_);
     EXPECT_TRUE(http.ok()) << http.status();
     http_ = *std::move(http);
   }
-  ~VerifyApiTest() override {
-    http_->Shutdown(std::chrono::seconds(2));
-    rpc_->Shutdown(std::chrono::seconds(2));
-  }
+  ~VerifyApiTest() override { http_->Shutdown(std::chrono::seconds(2)); }
 
   std::string Run(int iterations) {
     const std::string name = client_->Create(iterations);
@@ -117,15 +109,6 @@ class VerifyApiTest : public ::testing::Test {
     ASSERT_TRUE(status.ok()) << status;
   }
 
-  TemporaryDirectory directory_;
-  Engine engine_;
-  Api api_{engine_.use_cases(),
-           engine_.campaigns(),
-           engine_.gains(),
-           nullptr,
-           {.calls = {.max_calls_waiting = kMostWaiting}}};
-  std::unique_ptr<RpcServer> rpc_;
-  std::unique_ptr<Client> client_;
   std::unique_ptr<HttpServer> http_;
 };
 
