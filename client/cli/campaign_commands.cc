@@ -18,11 +18,11 @@
 #include "client/cli/json.h"
 #include "client/cli/number.h"
 #include "client/cli/parse.h"
+#include "client/cli/resource_commands.h"
 #include "client/cli/search_flags.h"
 #include "client/cli/session.h"
 #include "client/cli/submission.h"
 #include "client/cli/table.h"
-#include "google/protobuf/empty.pb.h"
 
 namespace orbitune::cli {
 namespace {
@@ -117,44 +117,18 @@ int Watch(Session& session, const std::string& name, std::int64_t from, double r
   return RunCampaignWatch(session, watch);
 }
 
-template <typename Request>
-grpc::Status Change(const Session& session,
-                    grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, v1::Campaign*),
-                    const std::string& name) {
-  Request request;
-  request.set_name(name);
-  v1::Campaign campaign;
-  const grpc::Status status = session.Call(method, request, &campaign);
-  if (status.ok()) PrintName(session, campaign);
-  return status;
-}
-
-grpc::Status Delete(const Session& session, const std::string& name) {
-  v1::DeleteCampaignRequest request;
-  request.set_name(name);
-  google::protobuf::Empty empty;
-  const grpc::Status status = session.Call(&Stub::DeleteCampaign, request, &empty);
-  if (!status.ok()) return status;
-  if (session.json()) {
-    session.out() << "{\"deleted\":" << JsonQuote(name) << "}\n";
-  } else {
-    session.out() << name << "  deleted\n";
-  }
-  return status;
-}
-
 grpc::Status Apply(const Session& session, Transition transition, const std::string& name) {
   switch (transition) {
     case Transition::kCancel:
-      return Change(session, &Stub::CancelCampaign, name);
+      return Change(session, &Stub::CancelCampaign, name, PrintName);
     case Transition::kPause:
-      return Change(session, &Stub::PauseCampaign, name);
+      return Change(session, &Stub::PauseCampaign, name, PrintName);
     case Transition::kResume:
-      return Change(session, &Stub::ResumeCampaign, name);
+      return Change(session, &Stub::ResumeCampaign, name, PrintName);
     case Transition::kDelete:
       break;
   }
-  return Delete(session, name);
+  return Delete(session, &Stub::DeleteCampaign, name);
 }
 
 void AddRow(const v1::Campaign& campaign, Table& table) {
@@ -278,14 +252,8 @@ int RunCampaignShow(Session& session, const std::string& campaign_name) {
 }
 
 int RunCampaignTransition(Session& session, Transition transition, const std::vector<std::string>& campaigns) {
-  int exit_code = kExitOk;
-  for (const std::string& campaign : campaigns) {
-    const grpc::Status status = Apply(session, transition, ResourceName("campaigns", campaign));
-    if (status.ok()) continue;
-    const int code = session.Fail(status);
-    if (exit_code == kExitOk) exit_code = code;
-  }
-  return exit_code;
+  return ForEachName(session, "campaigns", campaigns,
+                     [&](const std::string& name) { return Apply(session, transition, name); });
 }
 
 int RunCampaignExtend(Session& session, const CampaignExtendOptions& options) {

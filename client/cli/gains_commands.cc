@@ -17,10 +17,10 @@
 #include "client/cli/gains_file.h"
 #include "client/cli/json.h"
 #include "client/cli/parse.h"
+#include "client/cli/resource_commands.h"
 #include "client/cli/session.h"
 #include "client/cli/submission.h"
 #include "client/cli/table.h"
-#include "google/protobuf/empty.pb.h"
 
 namespace orbitune::cli {
 namespace {
@@ -254,22 +254,8 @@ int RunGainsImport(Session& session, const GainsImportOptions& options) {
 }
 
 int RunGainsDelete(Session& session, const std::vector<std::string>& names) {
-  int code = kExitOk;
-  for (const std::string& given : names) {
-    v1::DeleteGainSetRequest request;
-    request.set_name(ResourceName("gainSets", given));
-    google::protobuf::Empty empty;
-    const grpc::Status status = session.Call(&Stub::DeleteGainSet, request, &empty);
-    if (!status.ok()) {
-      const int failed = session.Fail(status);
-      if (code == kExitOk) code = failed;
-    } else if (session.json()) {
-      session.out() << "{\"deleted\":" << JsonQuote(request.name()) << "}\n";
-    } else {
-      session.out() << request.name() << "  deleted\n";
-    }
-  }
-  return code;
+  return ForEachName(session, "gainSets", names,
+                     [&](const std::string& name) { return Delete(session, &Stub::DeleteGainSet, name); });
 }
 
 }  // namespace orbitune::cli

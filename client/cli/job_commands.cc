@@ -9,10 +9,10 @@
 #include "client/cli/job_report.h"
 #include "client/cli/json.h"
 #include "client/cli/parse.h"
+#include "client/cli/resource_commands.h"
 #include "client/cli/session.h"
 #include "client/cli/submission.h"
 #include "client/cli/table.h"
-#include "google/protobuf/empty.pb.h"
 
 namespace orbitune::cli {
 namespace {
@@ -29,49 +29,26 @@ void AddJob(const v1::Job& job, Table& table) {
                 Printable(job.display_name())});
 }
 
-template <typename Request>
-grpc::Status Change(const Session& session,
-                    grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, v1::Job*),
-                    const std::string& name) {
-  Request request;
-  request.set_name(name);
-  v1::Job job;
-  const grpc::Status status = session.Call(method, request, &job);
-  if (!status.ok()) return status;
+void PrintState(const Session& session, const v1::Job& job) {
   if (session.json()) {
     session.out() << JsonLine(job);
   } else {
     session.out() << job.name() << "  " << StateText(job.state()) << '\n';
   }
-  return status;
-}
-
-grpc::Status Delete(const Session& session, const std::string& name) {
-  v1::DeleteJobRequest request;
-  request.set_name(name);
-  google::protobuf::Empty empty;
-  const grpc::Status status = session.Call(&Stub::DeleteJob, request, &empty);
-  if (!status.ok()) return status;
-  if (session.json()) {
-    session.out() << "{\"deleted\":" << JsonQuote(name) << "}\n";
-  } else {
-    session.out() << name << "  deleted\n";
-  }
-  return status;
 }
 
 grpc::Status Apply(const Session& session, Transition transition, const std::string& name) {
   switch (transition) {
     case Transition::kCancel:
-      return Change(session, &Stub::CancelJob, name);
+      return Change(session, &Stub::CancelJob, name, PrintState);
     case Transition::kPause:
-      return Change(session, &Stub::PauseJob, name);
+      return Change(session, &Stub::PauseJob, name, PrintState);
     case Transition::kResume:
-      return Change(session, &Stub::ResumeJob, name);
+      return Change(session, &Stub::ResumeJob, name, PrintState);
     case Transition::kDelete:
       break;
   }
-  return Delete(session, name);
+  return Delete(session, &Stub::DeleteJob, name);
 }
 
 }  // namespace
@@ -121,14 +98,7 @@ int RunShow(Session& session, const std::string& job_name) {
 }
 
 int RunTransition(Session& session, Transition transition, const std::vector<std::string>& jobs) {
-  int exit_code = kExitOk;
-  for (const std::string& job : jobs) {
-    const grpc::Status status = Apply(session, transition, ResourceName("jobs", job));
-    if (status.ok()) continue;
-    const int code = session.Fail(status);
-    if (exit_code == kExitOk) exit_code = code;
-  }
-  return exit_code;
+  return ForEachName(session, "jobs", jobs, [&](const std::string& name) { return Apply(session, transition, name); });
 }
 
 }  // namespace orbitune::cli

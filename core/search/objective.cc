@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/base/check.h"
+#include "core/sim/severity.h"
 
 namespace orbitune {
 namespace {
@@ -19,20 +20,6 @@ double Cvar(std::span<const double> ascending, double level) {
     left -= weight;
   }
   return sum / tail;
-}
-
-int Severity(Outcome outcome) {
-  switch (outcome) {
-    case Outcome::kSettled:
-      return 0;
-    case Outcome::kNotSettled:
-      return 1;
-    case Outcome::kNumericalFailure:
-      return 2;
-    case Outcome::kLeftDomain:
-      return 3;
-  }
-  return 3;
 }
 
 }  // namespace

@@ -61,7 +61,9 @@ class EnvironmentFirst : public CLI::ConfigBase {
 };
 
 // "--max-running-jobs" and ORBITUNE_MAX_RUNNING_JOBS.
-void AddNumber(CLI::App& app, const std::string& name, int& value, int least, int most, const char* description) {
+template <typename Number>
+void AddNumber(CLI::App& app, const std::string& name, Number& value, Number least, Number most,
+               const char* description) {
   app.add_option("--" + name, value, description)
       ->envname(EnvironmentNameOf(name))
       ->check(CLI::Range(least, most))
@@ -107,10 +109,8 @@ void AddLogOptions(CLI::App& app, ServerConfig& config) {
       ->envname("ORBITUNE_LOG_LEVEL")
       ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
       ->capture_default_str();
-  app.add_option("--log-slow-call-s", config.log_slow_call_s, "Seconds after which a call is logged as slow")
-      ->envname("ORBITUNE_LOG_SLOW_CALL_S")
-      ->check(CLI::Range(0.0, 86'400.0))
-      ->capture_default_str();
+  AddNumber(app, "log-slow-call-s", config.log_slow_call_s, 0.0, 86'400.0,
+            "Seconds after which a call is logged as slow");
 }
 
 void AddHttpOptions(CLI::App& app, ServerConfig& config) {
@@ -121,34 +121,21 @@ void AddHttpOptions(CLI::App& app, ServerConfig& config) {
                  "SCHEME://HOST[:PORT] of a page from elsewhere that may call this server; may be given again; *: all")
       ->envname("ORBITUNE_HTTP_CORS_ORIGIN")
       ->check(CheckOrigin);
-  app.add_option("--http-max-connections", config.http_max_connections, "HTTP connections at a time; more get 429")
-      ->envname("ORBITUNE_HTTP_MAX_CONNECTIONS")
-      ->check(CLI::Range(1, 100'000))
-      ->capture_default_str();
-  app.add_option("--http-max-header-bytes", config.http_max_header_bytes, "Largest head of an HTTP request")
-      ->envname("ORBITUNE_HTTP_MAX_HEADER_BYTES")
-      ->check(CLI::Range(1024, 1 << 20))
-      ->capture_default_str();
-  app.add_option("--http-max-body-bytes", config.http_max_body_bytes, "Largest body of an HTTP request")
-      ->envname("ORBITUNE_HTTP_MAX_BODY_BYTES")
-      ->check(CLI::Range(1024, 64 << 20))
-      ->capture_default_str();
+  AddNumber(app, "http-max-connections", config.http_max_connections, 1, 100'000,
+            "HTTP connections at a time; more get 429");
+  AddNumber(app, "http-max-header-bytes", config.http_max_header_bytes, 1024, 1 << 20,
+            "Largest head of an HTTP request");
+  AddNumber(app, "http-max-body-bytes", config.http_max_body_bytes, 1024, 64 << 20, "Largest body of an HTTP request");
   AddNumber(app, "http-max-bodies-bytes", config.http_max_bodies_bytes, 1024, 1 << 30,
             "Bodies of all HTTP requests that are being received");
-  const auto add_time = [&](const char* name, double& value_s, const char* environment, const char* description) {
-    app.add_option(name, value_s, description)
-        ->envname(environment)
-        ->check(CLI::Range(0.1, 86'400.0))
-        ->capture_default_str();
-  };
-  add_time("--http-header-time-s", config.http_header_time_s, "ORBITUNE_HTTP_HEADER_TIME_S",
-           "Seconds within which a request's head must have arrived");
-  add_time("--http-body-time-s", config.http_body_time_s, "ORBITUNE_HTTP_BODY_TIME_S",
-           "Seconds within which its body must have arrived");
-  add_time("--http-idle-time-s", config.http_idle_time_s, "ORBITUNE_HTTP_IDLE_TIME_S",
-           "Seconds after which a connection without a request is closed");
-  add_time("--http-stall-time-s", config.http_stall_time_s, "ORBITUNE_HTTP_STALL_TIME_S",
-           "Seconds after which a reader that takes nothing is cut off");
+  AddNumber(app, "http-header-time-s", config.http_header_time_s, 0.1, 86'400.0,
+            "Seconds within which a request's head must have arrived");
+  AddNumber(app, "http-body-time-s", config.http_body_time_s, 0.1, 86'400.0,
+            "Seconds within which its body must have arrived");
+  AddNumber(app, "http-idle-time-s", config.http_idle_time_s, 0.1, 86'400.0,
+            "Seconds after which a connection without a request is closed");
+  AddNumber(app, "http-stall-time-s", config.http_stall_time_s, 0.1, 86'400.0,
+            "Seconds after which a reader that takes nothing is cut off");
 }
 
 void AddTlsOptions(CLI::App& app, ServerConfig& config) {
@@ -179,20 +166,14 @@ void AddStorageOptions(CLI::App& app, ServerConfig& config) {
       ->envname("ORBITUNE_START_CHECK")
       ->check(CLI::IsMember({"crash", "full", "off"}))
       ->capture_default_str();
-  const auto add_days = [&](const char* name, double& days, const char* environment, const char* description) {
-    app.add_option(name, days, description)
-        ->envname(environment)
-        ->check(CLI::Range(0.0, 36'500.0))
-        ->capture_default_str();
-  };
-  add_days("--retain-jobs-days", config.retain_jobs_days, "ORBITUNE_RETAIN_JOBS_DAYS",
-           "Days after its end at which a job of no campaign is deleted; 0: never. Gain sets always stay");
-  add_days("--retain-campaigns-days", config.retain_campaigns_days, "ORBITUNE_RETAIN_CAMPAIGNS_DAYS",
-           "Likewise, a campaign with its jobs");
-  add_days("--retain-iterations-days", config.retain_iterations_days, "ORBITUNE_RETAIN_ITERATIONS_DAYS",
-           "Likewise, the iterations of a job but the first, the best and the last");
-  add_days("--retain-backups-days", config.retain_backups_days, "ORBITUNE_RETAIN_BACKUPS_DAYS",
-           "Days after which a backup made before a migration is deleted; 0: never. The newest always stays");
+  AddNumber(app, "retain-jobs-days", config.retain_jobs_days, 0.0, 36'500.0,
+            "Days after its end at which a job of no campaign is deleted; 0: never. Gain sets always stay");
+  AddNumber(app, "retain-campaigns-days", config.retain_campaigns_days, 0.0, 36'500.0,
+            "Likewise, a campaign with its jobs");
+  AddNumber(app, "retain-iterations-days", config.retain_iterations_days, 0.0, 36'500.0,
+            "Likewise, the iterations of a job but the first, the best and the last");
+  AddNumber(app, "retain-backups-days", config.retain_backups_days, 0.0, 36'500.0,
+            "Days after which a backup made before a migration is deleted; 0: never. The newest always stays");
   app.add_option("--max-database-bytes", config.max_database_bytes,
                  "Bytes in use in the database (20GB will do) above which what ended first is removed, iterations "
                  "first; 0: no limit")
@@ -241,10 +222,7 @@ std::optional<ServerConfig> ParseServerConfig(int argc, char** argv, const std::
   AddHttpOptions(app, config);
   AddTlsOptions(app, config);
   AddStorageOptions(app, config);
-  app.add_option("--threads", config.threads, "Worker threads; 0: one per core. Results do not depend on it")
-      ->envname("ORBITUNE_THREADS")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
+  AddNumber(app, "threads", config.threads, 0, 1024, "Worker threads; 0: one per core. Results do not depend on it");
   AddLimits(app, config);
   AddLogOptions(app, config);
   app.add_option("--simd", config.simd, "Instruction set of the episode kernel: auto, avx512, avx2 or baseline")

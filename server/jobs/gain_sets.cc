@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/version.h"
 #include "core/library/scenario_digest.h"
+#include "core/sim/severity.h"
 #include "storage/serialise.h"
 
 namespace orbitune {
@@ -28,20 +29,6 @@ Flight ToFlight(const GainsAssessment& best, bool lyapunov_decreasing) {
                           .settled = episode.outcome == Outcome::kSettled}};
 }
 
-int RankOf(Outcome outcome) {
-  switch (outcome) {
-    case Outcome::kSettled:
-      return 0;
-    case Outcome::kNotSettled:
-      return 1;
-    case Outcome::kNumericalFailure:
-      return 2;
-    case Outcome::kLeftDomain:
-      break;
-  }
-  return 3;
-}
-
 // Over the tuned members as they were flown under the mean: the worst outcome, and the means of what all have.
 Flight MeanFlight(const Gains& gains, const PreparedScenario& prepared, std::span<const CampaignMember> members) {
   Flight flight{.outcome = Outcome::kSettled, .cost = 0, .settling_time_s = 0, .fuel_sum = 0};
@@ -52,7 +39,7 @@ Flight MeanFlight(const Gains& gains, const PreparedScenario& prepared, std::spa
     for (const MemberEpisode& episode : member.episodes) {
       if (episode.choice != GainsChoice::kMean) continue;
       ++count;
-      if (RankOf(episode.outcome) > RankOf(flight.outcome)) flight.outcome = episode.outcome;
+      if (Severity(episode.outcome) > Severity(flight.outcome)) flight.outcome = episode.outcome;
       flight.cost += episode.cost;
       flight.fuel_sum += episode.fuel_sum;
       samples += episode.settling_samples;
