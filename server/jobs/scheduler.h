@@ -30,6 +30,9 @@
 
 namespace orbitune {
 
+class JobRun;
+struct BatchOutcome;
+
 TimeUs NowUs();
 
 // Whose a job or a campaign is, where clients are to have equal shares: the owner's, else whoever's is at the address.
@@ -114,8 +117,6 @@ class Scheduler {
   JobCounts counts();
 
  private:
-  struct Run;  // one stretch of execution, from a start or resume to an end or pause
-  struct BatchOutcome;
   struct Entry;  // an unfinished job
   struct Client;
   struct Chunk;  // one unit of work
@@ -130,9 +131,9 @@ class Scheduler {
   static void Charge(Entry& entry, double steps);
   static void Account(const Chunk& chunk, const BatchUse& use);
   void FinishBatch(const Chunk& last, Lock& lock);
-  void FinishIterations(Entry& entry, Run& run, BatchOutcome outcome);
+  void FinishIterations(Entry& entry, JobRun& run, BatchOutcome outcome);
   void Append(Entry& entry, IterationRecord record, Continuation continuation);
-  void FinishReport(Entry& entry, Run& run);
+  void FinishReport(Entry& entry, JobRun& run);
   EntryPtr AddEntry(JobRecord record);
   void Forget(EntryPtr entry);
   void Count(Client& client, int jobs, int of_no_campaign, std::int64_t bytes);
@@ -142,6 +143,7 @@ class Scheduler {
   void Begin(Entry& entry);
   void Halt(Entry& entry);
   void DropRun(Entry& entry);
+  void Fail(Entry& entry, const absl::Status& status);
   void ChangeState(Entry& entry, StateChange change, Done done);
   void Transition(const std::string& id, const std::string& etag, std::string_view action, std::string_view needed,
                   const std::function<bool(JobState)>& allowed, JobState to, Done done);
