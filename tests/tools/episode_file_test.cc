@@ -91,9 +91,9 @@ TEST(OrbituneEpisodesTest, ExitsWithTwoOnBadInput) {
   EXPECT_EQ(missing.output, "orbitune_episodes: /nonexistent/file.json: cannot be read\n");
   const ProgramRun directory = RunProgram("/");
   EXPECT_EQ(directory.exit_status, 2);
-  const ProgramRun source = RunProgram(__FILE__);
-  EXPECT_EQ(source.exit_status, 2);
-  EXPECT_THAT(source.output, HasSubstr("not JSON"));
+  const ProgramRun itself = RunProgram(ORBITUNE_EPISODES_PROGRAM);
+  EXPECT_EQ(itself.exit_status, 2);
+  EXPECT_THAT(itself.output, HasSubstr("not JSON"));
 }
 
 TEST(EpisodeFileTest, WithoutExpectedThereAreNoSamples) {
