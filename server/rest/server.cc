@@ -53,6 +53,7 @@ constexpr auto kAwait = net::as_tuple(net::use_awaitable);
 constexpr std::size_t kBatch = 256;             // events in one write: bounds what is held for a reader
 constexpr std::size_t kMostIgnored = 64 << 10;  // bytes that a watcher may send without being asked
 constexpr std::chrono::milliseconds kLinger{1000};
+constexpr std::chrono::milliseconds kLingerForBody{5000};  // where the client may be sending what was refused
 // With many watchers each is written to less often, and more at a time.
 constexpr std::chrono::microseconds kPacePerStream{400};
 constexpr std::chrono::microseconds kSlowestPace{200'000};
@@ -301,25 +302,29 @@ class Connection : public std::enable_shared_from_this<Connection> {
   // One request and its reply. False if the connection is to be closed.
   net::awaitable<bool> Serve() {
     Parser parser;
+    body_limit_ = core_.options.max_body_bytes;
     parser.header_limit(static_cast<std::uint32_t>(core_.options.max_header_bytes));
-    parser.body_limit(core_.options.max_body_bytes);
-    const error_code error = co_await Read(parser);
+    parser.body_limit(body_limit_);
+    error_code error = co_await ReadHead(parser);
+    const unsigned version = parser.get().version();
     if (error) {
-      co_await Refuse(error, parser.get().version());
+      co_await Refuse(error, version);
       co_return false;
     }
-    HttpRequest request = ToRequest(parser);
-    request.peer = PeerAddress();
-    request.secure = stream_.secure();
+    HttpRequest request = HeadOf(parser);
     const bool head = request.method == "HEAD";
-    const unsigned version = parser.get().version();
     const bool keep_alive = parser.get().keep_alive();
     const std::string target = request.target;
-    if (request.header("Host").find(',') != std::string_view::npos ||
-        (version >= 11 && request.header("Host").empty())) {
-      HttpReply refusal = core_.gateway->Refuse(absl::InvalidArgumentError("Host: must be given once"), 400);
-      co_return co_await Write(std::move(refusal), version, head, false);
+    if (auto refusal = CheckHead(request, parser)) {
+      linger_ = kLingerForBody;
+      co_return co_await Write(*std::move(refusal), version, head, false);
     }
+    error = co_await ReadBody(parser);
+    if (error) {
+      co_await Refuse(error, version);
+      co_return false;
+    }
+    request.body = std::move(parser.get().body());
     Gateway::Reply reply = co_await Ask(std::move(request));
     ReleaseBody();
     if (auto* stream = std::get_if<StreamReply>(&reply)) {
@@ -329,7 +334,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     co_return co_await Write(std::get<HttpReply>(std::move(reply)), version, head, keep_alive);
   }
 
-  net::awaitable<error_code> Read(Parser& parser) {
+  net::awaitable<error_code> ReadHead(Parser& parser) {
     if (core_.draining) co_return http::error::end_of_stream;
     if (buffer_.size() == 0) {
       idle_ = true;
@@ -339,10 +344,28 @@ class Connection : public std::enable_shared_from_this<Connection> {
       if (error) co_return http::error::end_of_stream;
       buffer_.commit(count);
     }
-    const error_code error =
-        co_await ReadWithin(core_.options.header_time, parser, [&] { return parser.is_header_done(); });
-    if (error) co_return error;
-    co_return co_await ReadBody(parser);
+    co_return co_await ReadWithin(core_.options.header_time, parser, [&] { return parser.is_header_done(); });
+  }
+
+  // Before any of the body is received: what the request is refused with.
+  std::optional<HttpReply> CheckHead(const HttpRequest& head, Parser& parser) {
+    const std::string_view host = head.header("Host");
+    if (host.find(',') != std::string_view::npos || (parser.get().version() >= 11 && host.empty())) {
+      return core_.gateway->Refuse(absl::InvalidArgumentError("Host: must be given once"), 400);
+    }
+    if (parser.is_done()) return std::nullopt;
+    auto admitted = core_.gateway->AdmitBody(head);
+    if (auto* refusal = std::get_if<HttpReply>(&admitted)) return std::move(*refusal);
+    const std::size_t limit = std::get<std::size_t>(admitted);
+    if (parser.content_length().value_or(0) > limit) return BodyTooLarge(limit);
+    body_limit_ = limit;
+    parser.body_limit(limit);
+    return std::nullopt;
+  }
+
+  HttpReply BodyTooLarge(std::size_t limit) const {
+    const std::string text = absl::StrCat("the body: must be at most ", limit, " bytes");
+    return core_.gateway->Refuse(absl::InvalidArgumentError(text), 413);
   }
 
   net::awaitable<error_code> ReadBody(Parser& parser) {
@@ -387,16 +410,17 @@ class Connection : public std::enable_shared_from_this<Connection> {
     body_bytes_ = 0;
   }
 
-  static HttpRequest ToRequest(Parser& parser) {
+  HttpRequest HeadOf(Parser& parser) {
     auto& message = parser.get();
     HttpRequest request;
+    request.peer = PeerAddress();
+    request.secure = stream_.secure();
     request.method = message.method_string();
     request.target = message.target();
     for (const auto& field : message) {
       std::string& value = request.headers[std::string(field.name_string())];
       absl::StrAppend(&value, value.empty() ? "" : ", ", std::string(field.value()));
     }
-    request.body = std::move(message.body());
     return request;
   }
 
@@ -409,8 +433,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
       const std::string text = absl::StrCat("the request's head: must be at most ", limits.max_header_bytes, " bytes");
       answer(absl::InvalidArgumentError(text), 431);
     } else if (error == http::error::body_limit) {
-      const std::string text = absl::StrCat("the body: must be at most ", limits.max_body_bytes, " bytes");
-      answer(absl::InvalidArgumentError(text), 413);
+      reply = BodyTooLarge(body_limit_);
     } else if (error == net::error::timed_out) {
       answer(absl::DeadlineExceededError(absl::StrCat("the request: its head must be there within ",
                                                       limits.header_time.count(), " ms, its body within ",
@@ -425,6 +448,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
                error != http::error::end_of_stream && error != http::error::partial_message) {
       answer(absl::InvalidArgumentError(absl::StrCat("not HTTP: ", error.message())), 400);
     }
+    if (error == http::error::body_limit || error == net::error::no_buffer_space) linger_ = kLingerForBody;
     if (reply) co_await Write(*std::move(reply), std::max(version, 10U), false, false);
   }
 
@@ -610,17 +634,24 @@ class Connection : public std::enable_shared_from_this<Connection> {
     co_return co_await stream_.async_read_some(buffer, kAwait);
   }
 
-  // What was sent arrives before the connection ends, also where the other side still sends.
+  // What was sent arrives before the connection ends, also where the other side still sends: what comes is taken, until
+  // nothing has for kLinger, or linger_ is over. Closed with something unread, the system would take the answer back.
   net::awaitable<void> Close() {
     if (outlet_ != nullptr) outlet_->Detach();
     error_code error;
     stream_.expires_after(kLinger);
     if (stream_.secure()) co_await stream_.async_shutdown(kAwait);
     stream_.socket().shutdown(tcp::socket::shutdown_send, error);
-    // By our own clock: where there is always something to read, the stream's never comes to its turn.
-    const auto end = std::chrono::steady_clock::now() + kLinger;
-    while (!error && std::chrono::steady_clock::now() < end) {
-      error = std::get<0>(co_await stream_.async_read_some(net::buffer(core_.ignored), kAwait));
+    const auto end = Clock::now() + linger_;
+    net::steady_timer timer(core_.io);
+    // Under TLS, too, without reading what it says. By a clock of its own: where there is always something to read, the
+    // stream's never comes to its turn.
+    while (!error && Clock::now() < end) {
+      timer.expires_after(kLinger);
+      timer.async_wait([self = shared_from_this()](error_code cancelled) {
+        if (!cancelled) self->CloseNow();
+      });
+      error = std::get<0>(co_await stream_.socket().async_read_some(net::buffer(core_.ignored), kAwait));
     }
     CloseNow();
   }
@@ -642,6 +673,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
   std::shared_ptr<Outlet> outlet_;  // of a stream in the clear, once it has begun
   beast::flat_buffer buffer_;
   std::size_t body_bytes_ = 0;
+  std::size_t body_limit_ = 0;  // of the request at hand
+  std::chrono::milliseconds linger_ = kLinger;
   bool idle_ = false;
 };
 
@@ -715,9 +748,12 @@ class HttpServerImpl final : public HttpServer {
 
   void Run() {
     const bool is_loopback = acceptor_.local_endpoint().address().is_loopback();
-    core_->gateway = std::make_shared<Gateway>(
-        core_->api,
-        rest::GatewayOptions{core_->options.web_dir, core_->options.cors_origins, is_loopback, core_->options.metrics});
+    core_->gateway =
+        std::make_shared<Gateway>(core_->api, rest::GatewayOptions{.web_dir = core_->options.web_dir,
+                                                                   .cors_origins = core_->options.cors_origins,
+                                                                   .local_hosts_only = is_loopback,
+                                                                   .max_body_bytes = core_->options.max_body_bytes,
+                                                                   .metrics = core_->options.metrics});
     net::co_spawn(core_->io, Accept(*core_, acceptor_), Report(*core_));
     thread_ = std::thread([this] { core_->io.run(); });
   }
