@@ -47,8 +47,8 @@ class Access {
   // address would shut out all behind it.
   absl::StatusOr<Caller> Authenticate(const Credentials& credentials, std::string_view method);
 
-  // Whether the token that the caller came with is still valid.
-  bool StillValid(const Caller& caller) const;
+  // OK, or why the token or session that the caller came with is valid no more: UNAUTHENTICATED.
+  absl::Status StillValid(const Caller& caller) const;
 
   struct Session {
     std::string secret;  // the cookie's value
@@ -59,8 +59,10 @@ class Access {
   absl::StatusOr<Session> LogIn(const Credentials& credentials);
   void LogOut(std::string_view session);
 
-  // Calls `ended` with the id of every token that ceases to be valid, until it is set again; nullptr: nobody.
-  void OnTokenEnd(std::function<void(const std::string& token_id)> ended);
+  // Calls `ended` with the id of every token and session that ceases to be valid (Caller::credential_id), and why,
+  // until it is set again; nullptr: nobody. The sessions of a token end with it.
+  using CredentialEnd = std::function<void(const std::string& credential_id, const absl::Status& why)>;
+  void OnCredentialEnd(CredentialEnd ended);
 
   // UNAVAILABLE while the audit log cannot be written: then nothing must be changed.
   absl::Status AuditReady() const;
@@ -91,16 +93,18 @@ class Access {
 
   Access(std::unique_ptr<AccessStore> store, AccessOptions options);
 
-  absl::StatusOr<Caller> Find(const Credentials& credentials) const;           // under mutex_
-  absl::StatusOr<std::string> TokenOfSession(std::string_view session) const;  // under mutex_
-  absl::Status Failed(const Credentials& credentials, absl::Status status);    // under mutex_
-  void Count(AuditEntry entry);                                                // under mutex_
-  void QueueRefusals(bool all);                                                // under mutex_
+  absl::StatusOr<Caller> Find(const Credentials& credentials) const;         // under mutex_
+  absl::StatusOr<std::string> SessionId(std::string_view session) const;     // under mutex_; of one that lasts
+  absl::Status CheckToken(const std::string& id) const;                      // under mutex_
+  absl::Status Failed(const Credentials& credentials, absl::Status status);  // under mutex_
+  void Count(AuditEntry entry);                                              // under mutex_
+  void QueueRefusals(bool all);                                              // under mutex_
   void Loop();
   void WriteAudit(std::unique_lock<std::mutex>& lock);
   void WriteUse(std::unique_lock<std::mutex>& lock);
   absl::Status Load(std::unique_lock<std::mutex>& lock);
-  std::vector<std::string> NewlyInvalid();  // under mutex_
+  std::map<std::string, absl::Status> NewlyEnded();             // under mutex_; by credential, why
+  void Tell(const std::map<std::string, absl::Status>& ended);  // not under mutex_
 
   // Constant after construction.
   const std::unique_ptr<AccessStore> store_;
@@ -126,8 +130,8 @@ class Access {
   std::int64_t foreign_changes_ = -1;
   bool ending_ = false;
 
-  std::mutex ended_mutex_;                         // before mutex_, never the other way round
-  std::function<void(const std::string&)> ended_;  // guarded by ended_mutex_
+  std::mutex ended_mutex_;  // before mutex_, never the other way round
+  CredentialEnd ended_;     // guarded by ended_mutex_
 
   std::thread thread_;
 };

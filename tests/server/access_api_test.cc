@@ -5,6 +5,7 @@
 
 #include <map>
 
+#include "absl/strings/match.h"
 #include "google/protobuf/descriptor_database.h"
 #include "orbitune/v1/access.pb.h"
 #include "orbitune/v1/audit.grpc.pb.h"
@@ -164,6 +165,14 @@ class AccessApiTest : public testing::Test {
     EXPECT_THAT(cookie, AllOf(HasSubstr("; HttpOnly"), HasSubstr("; SameSite=Strict"), HasSubstr("; Path=/"),
                               HasSubstr("; Max-Age=43200"), Not(HasSubstr("Secure"))));
     return "Cookie: theme=dark; " + cookie.substr(0, cookie.find(';')) + "\r\n";
+  }
+  // What a stream that has been open ends with.
+  static void ExpectLastWord(EventStream& stream, const std::string& reason) {
+    ASSERT_EQ(stream.head().code, 200);
+    const std::vector<StreamEvent> events = stream.ReadAll();
+    ASSERT_FALSE(events.empty());
+    EXPECT_THAT(events.back().json, AllOf(HasSubstr(R"("status":"UNAUTHENTICATED")"), HasSubstr(reason)));
+    EXPECT_TRUE(stream.ended_well());
   }
   std::string OwnOrigin() const { return "Origin: http://localhost\r\n"; }
 
@@ -447,10 +456,45 @@ TEST_F(AccessApiTest, StreamsEndWithTheTokenThatOpenedThem) {
   ASSERT_TRUE(console_->RevokeTokens("vera", Now()).ok());
   while (reader->Read(&event)) {
   }
-  EXPECT_EQ(reader->Finish().error_code(), StatusCode::UNAUTHENTICATED);
-  EXPECT_EQ(stream.ReadAll().back().kind, "error");
+  const grpc::Status status = reader->Finish();
+  EXPECT_EQ(status.error_code(), StatusCode::UNAUTHENTICATED);
+  EXPECT_EQ(DetailsOf(status).reason, "TOKEN_REVOKED");
+  ExpectLastWord(stream, "TOKEN_REVOKED");
   StreamEvent of_another;
   EXPECT_TRUE(others.Read(&of_another));
+}
+
+TEST_F(AccessApiTest, StreamsEndWithTheSessionThatOpenedThem) {
+  const std::string target = "/v1/" + CreateJobAs("ana") + ":watch";
+  const std::string cookie = LogIn(ana_);
+  const std::string other_cookie = LogIn(ana_);
+  EventStream sse(http_->address(), target, true, cookie);
+  EventStream lines(http_->address(), target, false, cookie);
+  EventStream of_the_token(http_->address(), target, true, Bearer(ana_));
+  EventStream of_the_other(http_->address(), target, false, other_cookie);
+  EXPECT_EQ(Http("DELETE", "/v1/session", cookie + OwnOrigin()).code, 204);
+  ExpectLastWord(sse, "SESSION_ENDED");
+  ExpectLastWord(lines, "SESSION_ENDED");
+  EXPECT_EQ(HttpClient(http_->address()).Get(target, cookie).code, 401);
+  EXPECT_EQ(Http("GET", "/v1/caller", other_cookie).code, 200);
+  // Those that are left end with the token, and so does its session.
+  ASSERT_TRUE(console_->RevokeTokens("ana", Now()).ok());
+  ExpectLastWord(of_the_token, "TOKEN_REVOKED");
+  ExpectLastWord(of_the_other, "TOKEN_REVOKED");
+}
+
+TEST_F(AccessApiTest, AStreamEndsWhenItsTokenExpires) {
+  const std::string job = CreateJobAs("ana");
+  bool opened = false;
+  for (std::int64_t time_s = 1; !opened; time_s *= 2) {  // long enough to open a stream with
+    const std::string brief = AddToken("brief", Role::kViewer, Now() + time_s * 1'000'000);
+    while (absl::StrContains(Http("GET", "/v1/caller", Bearer(brief)).body, "TOKEN_INVALID")) {  // not noticed yet
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    EventStream stream(http_->address(), "/v1/" + job + ":watch", true, Bearer(brief));
+    opened = stream.head().code == 200;
+    if (opened) ExpectLastWord(stream, "TOKEN_EXPIRED");
+  }
 }
 
 TEST_F(AccessApiTest, WhatIsChangedAndWhatIsRefusedIsInTheAuditLog) {
