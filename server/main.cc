@@ -115,6 +115,7 @@ HttpOptions HttpOptionsOf(const ServerConfig& config, std::function<std::string(
   options.web_dir = config.web_dir;
   options.cors_origins = config.http_cors_origins;
   options.max_connections = config.http_max_connections;
+  options.max_connections_per_client = config.http_max_connections_per_client;
   options.max_header_bytes = static_cast<std::size_t>(config.http_max_header_bytes);
   options.max_body_bytes = static_cast<std::size_t>(config.http_max_body_bytes);
   options.max_bodies_bytes = static_cast<std::size_t>(config.http_max_bodies_bytes);

@@ -125,6 +125,8 @@ void AddHttpOptions(CLI::App& app, ServerConfig& config) {
       ->envname("ORBITUNE_HTTP_MAX_CONNECTIONS")
       ->check(CLI::Range(1, 100'000))
       ->capture_default_str();
+  AddNumber(app, "http-max-connections-per-client", config.http_max_connections_per_client, 1, 100'000,
+            "Those of one address (of IPv6, of a /64); behind a proxy all clients have one");
   app.add_option("--http-max-header-bytes", config.http_max_header_bytes, "Largest head of an HTTP request")
       ->envname("ORBITUNE_HTTP_MAX_HEADER_BYTES")
       ->check(CLI::Range(1024, 1 << 20))

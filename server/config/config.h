@@ -15,6 +15,7 @@ struct ServerConfig {
   std::string web_dir;
   std::vector<std::string> http_cors_origins;
   int http_max_connections = 1024;
+  int http_max_connections_per_client = 768;
   int http_max_header_bytes = 16 << 10;
   int http_max_body_bytes = 16 << 20;
   int http_max_bodies_bytes = 64 << 20;

@@ -11,6 +11,7 @@
 #include <boost/asio/awaitable.hpp>
 #include <boost/asio/co_spawn.hpp>
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/network_v6.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
@@ -20,6 +21,7 @@
 #include <boost/beast/http.hpp>
 #include <ctime>
 #include <exception>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <set>
@@ -102,7 +104,12 @@ struct Core : std::enable_shared_from_this<Core> {
   std::shared_ptr<Gateway> gateway;
   std::unique_ptr<TlsContext> tls;  // nullptr: in the clear
   std::set<Connection*> connections;
-  std::size_t body_bytes = 0;  // of requests that are being received
+  struct Client {
+    int connections = 0;
+    bool full = false;  // it was logged
+  };
+  std::map<std::string, Client> clients;  // by ClientOf; those that have connections
+  std::size_t body_bytes = 0;             // of requests that are being received
   int streams = 0;
   bool draining = false;
   bool full = false;  // connections; it was logged
@@ -252,16 +259,20 @@ auto Report(Core& core) {
 
 class Connection : public std::enable_shared_from_this<Connection> {
  public:
-  Connection(Core& core, tcp::socket socket)
+  Connection(Core& core, tcp::socket socket, std::string client)
       : core_(core),
+        client_(std::move(client)),
         stream_(std::move(socket), core.NewTlsConnection()),
         buffer_(core.options.max_header_bytes + (128 << 10)) {
     core_.connections.insert(this);
+    ++core_.clients[client_].connections;
   }
   ~Connection() {
     if (outlet_ != nullptr) outlet_->Detach();
     core_.body_bytes -= body_bytes_;
     core_.connections.erase(this);
+    const auto client = core_.clients.find(client_);
+    if (--client->second.connections == 0) core_.clients.erase(client);
     if (core_.draining && core_.connections.empty()) core_.grace.cancel();
   }
 
@@ -669,6 +680,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   Core& core_;
+  const std::string client_;
   Transport stream_;
   std::shared_ptr<Outlet> outlet_;  // of a stream in the clear, once it has begun
   beast::flat_buffer buffer_;
@@ -678,15 +690,43 @@ class Connection : public std::enable_shared_from_this<Connection> {
   bool idle_ = false;
 };
 
-// Refuses who comes beyond the limit, if the system takes the answer at once.
-void TurnAway(Core& core, tcp::socket socket) {
-  if (!core.full) core.Log(absl::StrCat("all ", core.options.max_connections, " connections are in use"));
-  core.full = true;
+// Whom a connection counts for: an address; of IPv6 the network of 64 bits, which one machine may have to itself.
+std::string ClientOf(const tcp::socket& socket) {
+  error_code error;
+  const net::ip::address address = socket.remote_endpoint(error).address();
+  if (error) return "?";
+  if (address.is_v4()) return address.to_string();
+  const net::ip::address_v6 v6 = address.to_v6();
+  if (v6.is_v4_mapped()) return net::ip::make_address_v4(net::ip::v4_mapped, v6).to_string();
+  return net::ip::make_network_v6(v6, 64).canonical().to_string();
+}
+
+// RESOURCE_EXHAUSTED where one more connection would be too many; the first time, it is logged.
+absl::Status CheckRoom(Core& core, const std::string& client) {
+  constexpr std::string_view kLater = "try again when one has been closed";
+  const HttpOptions& options = core.options;
+  const auto told = [&core](bool& full, const std::string& line) {
+    if (!std::exchange(full, true)) core.Log(line);
+  };
+  if (core.connections.size() >= static_cast<std::size_t>(options.max_connections)) {
+    told(core.full, absl::StrCat("all ", options.max_connections, " connections are in use"));
+    return LimitExceeded("HTTP connections", {"http-max-connections", options.max_connections}, kLater);
+  }
+  core.full = false;
+  const auto known = core.clients.find(client);
+  if (known == core.clients.end() || known->second.connections < options.max_connections_per_client) {
+    return absl::OkStatus();
+  }
+  told(known->second.full,
+       absl::StrCat(client, " has all ", options.max_connections_per_client, " connections that a client may have"));
+  return LimitExceeded("HTTP connections of one client",
+                       {"http-max-connections-per-client", options.max_connections_per_client}, kLater);
+}
+
+// Refuses who comes beyond a limit, if the system takes the answer at once.
+void TurnAway(const Core& core, tcp::socket socket, const absl::Status& status) {
   if (core.tls != nullptr) return;  // whom a handshake would cost more than the answer is worth
-  const std::string body =
-      rest::ErrorJson(LimitExceeded("HTTP connections", {"http-max-connections", core.options.max_connections},
-                                    "try again when one has been closed")) +
-      "\n";
+  const std::string body = rest::ErrorJson(status) + "\n";
   const std::string answer =
       absl::StrCat("HTTP/1.1 429 Too Many Requests\r\nContent-Type: application/json\r\nContent-Length: ", body.size(),
                    "\r\nRetry-After: 1\r\nConnection: close\r\n\r\n", body);
@@ -700,15 +740,15 @@ net::awaitable<void> Accept(Core& core, tcp::acceptor& acceptor) {
   while (true) {
     auto [error, socket] = co_await acceptor.async_accept(kAwait);
     if (!acceptor.is_open()) co_return;
+    std::string client = error ? "" : ClientOf(socket);
     if (error) {  // no file descriptors, say
       net::steady_timer timer(core.io, std::chrono::milliseconds(100));
       co_await timer.async_wait(kAwait);
-    } else if (core.connections.size() >= static_cast<std::size_t>(core.options.max_connections)) {
-      TurnAway(core, std::move(socket));
+    } else if (const absl::Status room = CheckRoom(core, client); !room.ok()) {
+      TurnAway(core, std::move(socket), room);
     } else {
-      core.full = false;
       socket.set_option(tcp::no_delay(true), error);
-      const auto connection = std::make_shared<Connection>(core, std::move(socket));
+      const auto connection = std::make_shared<Connection>(core, std::move(socket), std::move(client));
       net::co_spawn(core.io, Connection::Run(connection), Report(core));
     }
   }

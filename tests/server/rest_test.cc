@@ -609,6 +609,30 @@ TEST_F(RestTest, ConnectionsAndBodiesAreLimited) {
   }
 }
 
+TEST_F(RestTest, NoClientTakesAllConnections) {
+  http_.reset();
+  Start({.max_connections = 5, .max_connections_per_client = 2});
+  const auto connect = [&](const std::string& from) { return std::make_unique<HttpClient>(http_->address(), 0, from); };
+  const auto serves = [](HttpClient& client) { return client.Get("/healthz").code == 200; };
+  auto one = connect("127.0.0.1");
+  const auto two = connect("127.0.0.1");
+  EXPECT_TRUE(serves(*one) && serves(*two));
+  const auto three = connect("127.0.0.1");
+  const Reply refused = three->ReadReply();
+  EXPECT_EQ(ErrorOf(refused).at("code"), 429);
+  EXPECT_THAT(refused.body, HasSubstr("http-max-connections-per-client"));
+  EXPECT_EQ(refused.headers.at("retry-after"), "1");
+  EXPECT_TRUE(three->Closes());
+  const auto other = connect("127.0.0.2");
+  EXPECT_TRUE(serves(*other));
+  // What it closes it may open again; the server takes a moment to notice.
+  one.reset();
+  for (auto again = connect("127.0.0.1"); !serves(*again); again = connect("127.0.0.1")) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  EXPECT_TRUE(serves(*two) && serves(*other));
+}
+
 TEST_F(RestTest, RequestsInALineAndOldOnes) {
   HttpClient client(http_->address());
   const std::string request = "GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n";
