@@ -201,7 +201,7 @@ int Serve(const ServerConfig& config) {
   }
   StoreMetrics store_metrics;
   const std::string database = config.data_dir + "/orbitune.db";
-  auto access = Access::Open(config.data_dir + "/access.db");
+  auto access = Access::Open(config.data_dir + "/access.db", {.retain_audit_days = config.retain_audit_days});
   if (!access.ok()) return Fail(access.status());
   if (absl::Status status = CheckAccess(config, **access); !status.ok()) return Fail(status);
   auto store = OpenSqliteStore(StoreOptionsOf(config, database, store_metrics));

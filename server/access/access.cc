@@ -4,6 +4,7 @@
 #include <chrono>
 
 #include "absl/strings/str_cat.h"
+#include "server/log/log.h"
 
 namespace orbitune {
 namespace {
@@ -16,6 +17,9 @@ constexpr std::size_t kMostBuckets = 4096;
 // fills the disk.
 constexpr std::size_t kMostRefusalKinds = 16;
 constexpr std::size_t kLongestText = 200;  // of what comes from outside, in the audit log
+// Old entries are removed once a day, each time with an entry that says so; a few at a time, for who waits for one.
+constexpr std::chrono::hours kBetweenRemovals{24};
+constexpr int kMostRemoved = 5000;
 
 std::int64_t NowUs() {
   return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
@@ -284,6 +288,7 @@ void Access::Loop() {
       (void)Load(lock);  // on an error what was read before stands; the audit log tells of a disk that fails
       WriteUse(lock);
       QueueRefusals(ending);
+      if (!ending) RemoveOldAudit(lock);
     }
     WriteAudit(lock);
     if (ending) return;
@@ -317,6 +322,18 @@ void Access::WriteUse(std::unique_lock<std::mutex>& lock) {
   for (const auto& [id, time_us] : due) {
     if (noted && tokens_.contains(id)) tokens_[id].last_used_time_us = time_us;
   }
+}
+
+void Access::RemoveOldAudit(std::unique_lock<std::mutex>& lock) {
+  if (options_.retain_audit_days == 0 || std::chrono::steady_clock::now() < next_removal_) return;
+  lock.unlock();
+  const std::int64_t now_us = NowUs();
+  const auto kept_us = static_cast<std::int64_t>(options_.retain_audit_days * 86'400e6);
+  const auto removed = store_->RemoveOldestAudit(now_us - kept_us, kMostRemoved, now_us);
+  if (removed.ok() && *removed > 0) Log(LogLevel::kInfo, "audit log: removed what is old", {{"entries", *removed}});
+  lock.lock();
+  const bool all = removed.ok() && *removed < kMostRemoved;  // else again soon
+  if (all) next_removal_ = std::chrono::steady_clock::now() + kBetweenRemovals;
 }
 
 // Reads the tokens where another process has changed them, and tells of what is valid no more.

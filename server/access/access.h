@@ -22,6 +22,7 @@ struct AccessOptions {
   std::chrono::seconds session_time{12 * 3600};
   std::chrono::milliseconds period{500};   // within which a change of the tokens is noticed
   std::chrono::seconds refusals_time{60};  // refusals alike within it are one entry of the audit log
+  double retain_audit_days = 0;            // entries older than it go, within a day; 0: they are kept for ever
 };
 
 // What came with a request.
@@ -102,6 +103,7 @@ class Access {
   void Loop();
   void WriteAudit(std::unique_lock<std::mutex>& lock);
   void WriteUse(std::unique_lock<std::mutex>& lock);
+  void RemoveOldAudit(std::unique_lock<std::mutex>& lock);
   absl::Status Load(std::unique_lock<std::mutex>& lock);
   std::map<std::string, absl::Status> NewlyEnded();             // under mutex_; by credential, why
   void Tell(const std::map<std::string, absl::Status>& ended);  // not under mutex_
@@ -128,6 +130,7 @@ class Access {
   std::int64_t refusals_since_us_ = 0;
   std::uint64_t requests_ = 0;
   std::int64_t foreign_changes_ = -1;
+  std::chrono::steady_clock::time_point next_removal_;
   bool ending_ = false;
 
   std::mutex ended_mutex_;  // before mutex_, never the other way round

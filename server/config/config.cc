@@ -195,6 +195,12 @@ void AddStorageOptions(CLI::App& app, ServerConfig& config) {
            "Likewise, the iterations of a job but the first, the best and the last");
   add_days("--retain-backups-days", config.retain_backups_days, "ORBITUNE_RETAIN_BACKUPS_DAYS",
            "Days after which a backup made before a migration is deleted; 0: never. The newest always stays");
+  app.add_option(
+         "--retain-audit-days", config.retain_audit_days,
+         "Days after which an entry of the audit log is removed, at least 1; 0: never. What goes leaves an entry")
+      ->envname("ORBITUNE_RETAIN_AUDIT_DAYS")
+      ->check(CLI::Range(1.0, 36'500.0) | CLI::IsMember({0.0}))
+      ->capture_default_str();
   app.add_option("--max-database-bytes", config.max_database_bytes,
                  "Bytes in use in the database (20GB will do) above which what ended first is removed, iterations "
                  "first; 0: no limit")

@@ -53,6 +53,7 @@ struct ServerConfig {
   double retain_campaigns_days = 0;
   double retain_iterations_days = 0;
   double retain_backups_days = 0;
+  double retain_audit_days = 0;
   std::uint64_t max_database_bytes = 0;  // 0: no limit
 };
 

@@ -287,6 +287,42 @@ TEST_F(AccessTest, ManyAtOnceAreAllThere) {
   EXPECT_EQ(resources.size(), 200u);
 }
 
+TEST_F(AccessTest, WhatIsOldLeavesTheAuditLogFromTheFrontAndIsCounted) {
+  constexpr std::int64_t kDayUs = 86'400'000'000;
+  std::vector<AuditEntry> entries;
+  for (const std::int64_t age_days : {40, 35, 31, 29, 33, 1}) {  // the last but one by a clock that was wrong
+    entries.push_back({.time_us = Now() - age_days * kDayUs, .caller = "ana", .method = "Method", .outcome = "OK"});
+  }
+  ASSERT_TRUE(console_->Append(entries).ok());
+  Open();
+  EXPECT_EQ(Entries().size(), 6u);  // for ever, unless asked for
+  Open({.retain_audit_days = 30});
+  WaitUntil([&] { return Entries().back().method == "audit retention"; });
+  const auto left = Entries();
+  ASSERT_EQ(left.size(), 4u);
+  for (std::size_t i = 0; i < left.size(); ++i) EXPECT_EQ(left[i].number, static_cast<std::int64_t>(i) + 4);
+  EXPECT_EQ(left.back().caller, "orbituned");
+  EXPECT_EQ(left.back().resource, "auditEntries/1 to 3");
+  EXPECT_EQ(left.back().count, 3);
+  // Nothing but this removes any, now as before; and nothing goes twice.
+  EXPECT_EQ(Execute("DELETE FROM audit_log"), "the audit log is append-only");
+  Open({.retain_audit_days = 30});
+  access_->Audit(LocalCaller("192.0.2.1"), "Method", "");
+  EXPECT_EQ(Entries().size(), 5u);
+}
+
+TEST_F(AccessTest, OldAuditEntriesGoAFewAtATime) {
+  ASSERT_TRUE(console_->Append(std::vector<AuditEntry>(10, {.time_us = 1})).ok());
+  EXPECT_EQ(*console_->RemoveOldestAudit(2, 4, 100), 4);
+  EXPECT_EQ(*console_->RemoveOldestAudit(1, 4, 100), 0);
+  EXPECT_EQ(*console_->RemoveOldestAudit(2, 100, 100), 6);
+  EXPECT_EQ(*console_->RemoveOldestAudit(2, 100, 100), 0);
+  const auto left = Entries();
+  ASSERT_EQ(left.size(), 2u);
+  EXPECT_EQ(left[0].resource, "auditEntries/1 to 4");
+  EXPECT_EQ(left[1].resource, "auditEntries/5 to 10");
+}
+
 TEST_F(AccessTest, TheAuditLogIsAppendOnlyAndTokensStayRevoked) {
   const Secret secret = AddToken("ana", Role::kOperator);
   Open();
