@@ -8,6 +8,7 @@
 #include "core/base/status.h"
 #include "server/api/json.h"
 #include "server/rest/compress.h"
+#include "server/rest/credentials.h"
 #include "server/rest/error.h"
 #include "server/rest/openapi.h"
 #include "server/rest/session.h"
