@@ -236,7 +236,7 @@ absl::StatusOr<int> AccessStore::RemoveOldestAudit(std::int64_t before_us, int l
   if (!numbers.ok()) return numbers.status();
   if (numbers->empty()) return 0;
   // The trigger is away within this transaction alone.
-  absl::Status status = connection_->Execute("DROP TRIGGER audit_log_keeps_rows");
+  absl::Status status = connection_->Execute("DROP TRIGGER IF EXISTS audit_log_keeps_rows");
   if (status.ok()) status = connection_->Run("DELETE FROM audit_log WHERE number <= ?", numbers->back());
   if (status.ok()) status = connection_->Execute(kAuditKeepsRows);
   if (status.ok()) {
