@@ -115,6 +115,7 @@ HttpOptions HttpOptionsOf(const ServerConfig& config, std::function<std::string(
   options.web_dir = config.web_dir;
   options.cors_origins = config.http_cors_origins;
   options.max_connections = config.http_max_connections;
+  options.max_connections_per_client = config.http_max_connections_per_client;
   options.max_header_bytes = static_cast<std::size_t>(config.http_max_header_bytes);
   options.max_body_bytes = static_cast<std::size_t>(config.http_max_body_bytes);
   options.max_bodies_bytes = static_cast<std::size_t>(config.http_max_bodies_bytes);
@@ -200,7 +201,7 @@ int Serve(const ServerConfig& config) {
   }
   StoreMetrics store_metrics;
   const std::string database = config.data_dir + "/orbitune.db";
-  auto access = Access::Open(config.data_dir + "/access.db");
+  auto access = Access::Open(config.data_dir + "/access.db", {.retain_audit_days = config.retain_audit_days});
   if (!access.ok()) return Fail(access.status());
   if (absl::Status status = CheckAccess(config, **access); !status.ok()) return Fail(status);
   auto store = OpenSqliteStore(StoreOptionsOf(config, database, store_metrics));

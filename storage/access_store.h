@@ -89,6 +89,9 @@ class AccessStore {
   absl::Status Append(std::span<const AuditEntry> entries);
   // In order of number.
   absl::StatusOr<std::vector<AuditEntry>> ListAudit(const AuditQuery& query);
+  // Removes the first entries, at most `limit`, that are of before `before_us`, up to the first that is not: what stays
+  // has no gaps. In the same commit an entry says which have gone. How many; 0: nothing was written.
+  absl::StatusOr<int> RemoveOldestAudit(std::int64_t before_us, int limit, std::int64_t now_us);
 
   // Another number whenever another process has written.
   absl::StatusOr<std::int64_t> ForeignChanges();
@@ -96,6 +99,7 @@ class AccessStore {
  private:
   explicit AccessStore(std::unique_ptr<Connection> connection);
   absl::StatusOr<std::vector<TokenRecord>> Tokens();  // under mutex_
+  absl::Status Insert(const AuditEntry& entry);       // under mutex_
 
   std::mutex mutex_;
   const std::unique_ptr<Connection> connection_;  // guarded by mutex_

@@ -14,6 +14,11 @@ namespace {
 constexpr std::int64_t kApplicationId = 0x4f524241;  // "ORBA"
 constexpr std::int64_t kVersion = 1;
 
+constexpr char kAuditKeepsRows[] = R"sql(
+CREATE TRIGGER audit_log_keeps_rows BEFORE DELETE ON audit_log
+BEGIN SELECT RAISE(ABORT, 'the audit log is append-only'); END;
+)sql";
+
 // The triggers are against mistakes, ours first of all; whoever may write the file can remove them.
 constexpr char kSchema[] = R"sql(
 CREATE TABLE tokens (
@@ -47,8 +52,6 @@ CREATE TABLE audit_log (
   count      INTEGER NOT NULL
 ) STRICT;
 CREATE INDEX audit_log_by_time ON audit_log (time_us);
-CREATE TRIGGER audit_log_keeps_rows BEFORE DELETE ON audit_log
-BEGIN SELECT RAISE(ABORT, 'the audit log is append-only'); END;
 CREATE TRIGGER audit_log_keeps_values BEFORE UPDATE ON audit_log
 BEGIN SELECT RAISE(ABORT, 'the audit log is append-only'); END;
 CREATE TRIGGER audit_log_keeps_numbers BEFORE INSERT ON audit_log
@@ -86,7 +89,7 @@ absl::Status Prepare(Connection& db) {
   if (*version == kVersion) return absl::OkStatus();
   const std::string marks =
       absl::StrCat("PRAGMA application_id = ", kApplicationId, "; PRAGMA user_version = ", kVersion, ";");
-  if (absl::Status status = db.Execute(kSchema + marks); !status.ok()) return status;
+  if (absl::Status status = db.Execute(absl::StrCat(kSchema, kAuditKeepsRows, marks)); !status.ok()) return status;
   return transaction->Commit();
 }
 
@@ -113,6 +116,22 @@ AuditEntry ReadEntry(const Statement& row) {
           .outcome = row.Text(8),
           .request_id = row.Text(9),
           .count = row.Int(10)};
+}
+
+// Of the entries from the first on, up to one that is not so old.
+absl::StatusOr<std::vector<std::int64_t>> FirstNumbersBefore(Connection& db, std::int64_t before_us, int limit) {
+  auto statement = db.Prepare("SELECT number, time_us FROM audit_log ORDER BY number LIMIT ?");
+  if (!statement.ok()) return statement.status();
+  statement->Bind(limit);
+  std::vector<std::int64_t> numbers;
+  bool old = true;
+  absl::Status status = statement->ForEachRow([&] {
+    old = old && statement->Int(1) < before_us;
+    if (old) numbers.push_back(statement->Int(0));
+    return absl::OkStatus();
+  });
+  if (!status.ok()) return status;
+  return numbers;
 }
 
 }  // namespace
@@ -196,14 +215,41 @@ absl::Status AccessStore::Append(std::span<const AuditEntry> entries) {
   const std::lock_guard lock(mutex_);
   auto transaction = Transaction::Begin(*connection_, Transaction::Kind::kWrite);
   if (!transaction.ok()) return transaction.status();
-  for (const AuditEntry& e : entries) {
-    absl::Status status = connection_->Run(
-        "INSERT INTO audit_log (time_us, caller, role, token_id, peer, method, resource, outcome, request_id, count) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        e.time_us, e.caller, e.role, e.token_id, e.peer, e.method, e.resource, e.outcome, e.request_id, e.count);
-    if (!status.ok()) return status;
+  for (const AuditEntry& entry : entries) {
+    if (absl::Status status = Insert(entry); !status.ok()) return status;
   }
   return transaction->Commit();
+}
+
+absl::Status AccessStore::Insert(const AuditEntry& e) {
+  return connection_->Run(
+      "INSERT INTO audit_log (time_us, caller, role, token_id, peer, method, resource, outcome, request_id, count) "
+      "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+      e.time_us, e.caller, e.role, e.token_id, e.peer, e.method, e.resource, e.outcome, e.request_id, e.count);
+}
+
+absl::StatusOr<int> AccessStore::RemoveOldestAudit(std::int64_t before_us, int limit, std::int64_t now_us) {
+  const std::lock_guard lock(mutex_);
+  auto transaction = Transaction::Begin(*connection_, Transaction::Kind::kWrite);
+  if (!transaction.ok()) return transaction.status();
+  const auto numbers = FirstNumbersBefore(*connection_, before_us, limit);
+  if (!numbers.ok()) return numbers.status();
+  if (numbers->empty()) return 0;
+  // The trigger is away within this transaction alone.
+  absl::Status status = connection_->Execute("DROP TRIGGER IF EXISTS audit_log_keeps_rows");
+  if (status.ok()) status = connection_->Run("DELETE FROM audit_log WHERE number <= ?", numbers->back());
+  if (status.ok()) status = connection_->Execute(kAuditKeepsRows);
+  if (status.ok()) {
+    status = Insert({.time_us = now_us,
+                     .caller = "orbituned",
+                     .method = "audit retention",
+                     .resource = absl::StrCat("auditEntries/", numbers->front(), " to ", numbers->back()),
+                     .outcome = "OK",
+                     .count = static_cast<std::int64_t>(numbers->size())});
+  }
+  if (status.ok()) status = transaction->Commit();
+  if (!status.ok()) return status;
+  return static_cast<int>(numbers->size());
 }
 
 absl::StatusOr<std::vector<AuditEntry>> AccessStore::ListAudit(const AuditQuery& query) {

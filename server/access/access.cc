@@ -4,6 +4,7 @@
 #include <chrono>
 
 #include "absl/strings/str_cat.h"
+#include "server/log/log.h"
 
 namespace orbitune {
 namespace {
@@ -16,6 +17,9 @@ constexpr std::size_t kMostBuckets = 4096;
 // fills the disk.
 constexpr std::size_t kMostRefusalKinds = 16;
 constexpr std::size_t kLongestText = 200;  // of what comes from outside, in the audit log
+// Old entries are removed once a day, each time with an entry that says so; a few at a time, for who waits for one.
+constexpr std::chrono::hours kBetweenRemovals{24};
+constexpr int kMostRemoved = 5000;
 
 std::int64_t NowUs() {
   return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
@@ -25,6 +29,8 @@ std::int64_t NowUs() {
 absl::Status Unauthenticated(std::string_view text, std::string_view reason) {
   return WithReason(absl::UnauthenticatedError(ToAbsl(text)), reason);
 }
+
+absl::Status SessionEnded() { return Unauthenticated("the session has ended: log in again", "SESSION_ENDED"); }
 
 std::string Shortened(std::string_view text) { return std::string(text.substr(0, kLongestText)); }
 
@@ -45,6 +51,7 @@ Caller CallerOf(const TokenRecord& token, const Credentials& credentials) {
   return {.name = token.name,
           .role = token.role,
           .token_id = token.id,
+          .session_id = {},
           .peer = credentials.peer,
           .request_id = credentials.request_id};
 }
@@ -102,6 +109,7 @@ absl::StatusOr<Caller> Access::Authenticate(const Credentials& given, std::strin
 
 absl::StatusOr<Caller> Access::Find(const Credentials& credentials) const {
   std::string id;
+  std::string session_id;
   if (!credentials.token.empty()) {
     const auto claimed = SecretId(credentials.token);
     const auto token = tokens_.find(claimed.value_or(""));
@@ -111,27 +119,34 @@ absl::StatusOr<Caller> Access::Find(const Credentials& credentials) const {
     if (!known || !right) return Unauthenticated("the token is not one of this server's", "TOKEN_INVALID");
     id = token->first;
   } else if (!credentials.session.empty()) {
-    auto of_session = TokenOfSession(credentials.session);
-    if (!of_session.ok()) return of_session.status();
-    id = *std::move(of_session);
+    auto session = SessionId(credentials.session);
+    if (!session.ok()) return session.status();
+    session_id = *std::move(session);
+    id = sessions_.find(session_id)->second.token_id;
   } else {
     return Unauthenticated("needs a token: \"authorization: Bearer TOKEN\"; `orbituned token create` makes one",
                            "TOKEN_REQUIRED");
   }
-  const TokenRecord& token = tokens_.find(id)->second;
-  if (token.revoke_time_us != 0) return Unauthenticated("the token was revoked", "TOKEN_REVOKED");
-  if (!token.ValidAt(NowUs())) return Unauthenticated("the token has expired", "TOKEN_EXPIRED");
-  return CallerOf(token, credentials);
+  if (absl::Status status = CheckToken(id); !status.ok()) return status;
+  Caller caller = CallerOf(tokens_.find(id)->second, credentials);
+  caller.session_id = std::move(session_id);
+  return caller;
 }
 
-absl::StatusOr<std::string> Access::TokenOfSession(std::string_view session) const {
+absl::Status Access::CheckToken(const std::string& id) const {
+  const auto token = tokens_.find(id);
+  if (token == tokens_.end()) return Unauthenticated("the token is not one of this server's", "TOKEN_INVALID");
+  if (token->second.revoke_time_us != 0) return Unauthenticated("the token was revoked", "TOKEN_REVOKED");
+  if (!token->second.ValidAt(NowUs())) return Unauthenticated("the token has expired", "TOKEN_EXPIRED");
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::string> Access::SessionId(std::string_view session) const {
   const auto found = sessions_.find(SecretId(session).value_or(""));
   const bool known = found != sessions_.end();
   const bool right = HasDigest(session, known ? found->second.digest : std::string(64, '0'));
-  if (!known || !right || NowUs() >= found->second.expire_time_us) {
-    return Unauthenticated("the session has ended: log in again", "SESSION_ENDED");
-  }
-  return found->second.token_id;
+  if (!known || !right || NowUs() >= found->second.expire_time_us) return SessionEnded();
+  return found->first;
 }
 
 // What a wrong token is answered with. Who comes without one does not guess, and a browser sends a session that has
@@ -153,11 +168,14 @@ absl::Status Access::Failed(const Credentials& credentials, absl::Status status)
                     "TOO_MANY_FAILURES");
 }
 
-bool Access::StillValid(const Caller& caller) const {
-  if (caller.token_id.empty()) return true;
+absl::Status Access::StillValid(const Caller& caller) const {
+  if (caller.token_id.empty()) return absl::OkStatus();
   const std::lock_guard lock(mutex_);
-  const auto token = tokens_.find(caller.token_id);
-  return token != tokens_.end() && token->second.ValidAt(NowUs());
+  if (!caller.session_id.empty()) {
+    const auto session = sessions_.find(caller.session_id);
+    if (session == sessions_.end() || NowUs() >= session->second.expire_time_us) return SessionEnded();
+  }
+  return CheckToken(caller.token_id);
 }
 
 absl::StatusOr<Access::Session> Access::LogIn(const Credentials& credentials) {
@@ -169,25 +187,45 @@ absl::StatusOr<Access::Session> Access::LogIn(const Credentials& credentials) {
   if (session.caller.token_id.empty()) return session;  // nothing to remember
   const Secret secret = Secret::New();
   session.secret = secret.text;
+  std::map<std::string, absl::Status> displaced;
   {
     const std::lock_guard lock(mutex_);
     const auto oldest = [](const auto& a, const auto& b) { return a.second.expire_time_us < b.second.expire_time_us; };
-    if (sessions_.size() >= kMostSessions) sessions_.erase(std::ranges::min_element(sessions_, oldest));
+    if (sessions_.size() >= kMostSessions) {
+      const auto first = std::ranges::min_element(sessions_, oldest);
+      displaced.emplace(first->first, SessionEnded());
+      sessions_.erase(first);
+    }
     const std::int64_t expire_time_us = NowUs() + options_.session_time.count() * kUsPerS;
     sessions_[secret.id] = {secret.digest, session.caller.token_id, expire_time_us};
   }
+  Tell(displaced);
   Audit(session.caller, "log in", "");
   return session;
 }
 
 void Access::LogOut(std::string_view session) {
-  const std::lock_guard lock(mutex_);
-  if (TokenOfSession(session).ok()) sessions_.erase(*SecretId(session));
+  std::map<std::string, absl::Status> ended;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto id = SessionId(session);
+    if (!id.ok()) return;
+    sessions_.erase(*id);
+    ended.emplace(*id, SessionEnded());
+  }
+  Tell(ended);
 }
 
-void Access::OnTokenEnd(std::function<void(const std::string&)> ended) {
+void Access::OnCredentialEnd(CredentialEnd ended) {
   const std::lock_guard lock(ended_mutex_);
   ended_ = std::move(ended);
+}
+
+void Access::Tell(const std::map<std::string, absl::Status>& ended) {
+  const std::lock_guard lock(ended_mutex_);
+  for (const auto& [id, why] : ended) {
+    if (ended_) ended_(id, why);
+  }
 }
 
 absl::Status Access::AuditReady() const {
@@ -250,6 +288,7 @@ void Access::Loop() {
       (void)Load(lock);  // on an error what was read before stands; the audit log tells of a disk that fails
       WriteUse(lock);
       QueueRefusals(ending);
+      if (!ending) RemoveOldAudit(lock);
     }
     WriteAudit(lock);
     if (ending) return;
@@ -285,7 +324,19 @@ void Access::WriteUse(std::unique_lock<std::mutex>& lock) {
   }
 }
 
-// Reads the tokens where another process has changed them, and tells of those that are valid no more.
+void Access::RemoveOldAudit(std::unique_lock<std::mutex>& lock) {
+  if (options_.retain_audit_days == 0 || std::chrono::steady_clock::now() < next_removal_) return;
+  lock.unlock();
+  const std::int64_t now_us = NowUs();
+  const auto kept_us = static_cast<std::int64_t>(options_.retain_audit_days * 86'400e6);
+  const auto removed = store_->RemoveOldestAudit(now_us - kept_us, kMostRemoved, now_us);
+  if (removed.ok() && *removed > 0) Log(LogLevel::kInfo, "audit log: removed what is old", {{"entries", *removed}});
+  lock.lock();
+  const bool all = removed.ok() && *removed < kMostRemoved;  // else again soon
+  if (all) next_removal_ = std::chrono::steady_clock::now() + kBetweenRemovals;
+}
+
+// Reads the tokens where another process has changed them, and tells of what is valid no more.
 absl::Status Access::Load(std::unique_lock<std::mutex>& lock) {
   const std::int64_t known_changes = foreign_changes_;
   lock.unlock();
@@ -300,30 +351,29 @@ absl::Status Access::Load(std::unique_lock<std::mutex>& lock) {
     tokens_.clear();
     for (TokenRecord& token : *tokens) tokens_.emplace(token.id, std::move(token));
   }
-  const std::vector<std::string> ended = NewlyInvalid();
+  const std::map<std::string, absl::Status> ended = NewlyEnded();
   if (ended.empty()) return absl::OkStatus();
   lock.unlock();
-  {
-    const std::lock_guard callback(ended_mutex_);
-    for (const std::string& id : ended) {
-      if (ended_) ended_(id);
-    }
-  }
+  Tell(ended);
   lock.lock();
   return absl::OkStatus();
 }
 
-std::vector<std::string> Access::NewlyInvalid() {
-  const std::int64_t now_us = NowUs();
+std::map<std::string, absl::Status> Access::NewlyEnded() {
+  std::map<std::string, absl::Status> ended;
   std::set<std::string> valid;
   for (const auto& [id, token] : tokens_) {
-    if (token.ValidAt(now_us)) valid.insert(id);
+    if (CheckToken(id).ok()) valid.insert(id);
   }
-  std::vector<std::string> ended;
-  std::ranges::set_difference(valid_, valid, std::back_inserter(ended));
+  for (const std::string& id : valid_) {
+    if (!valid.contains(id)) ended.emplace(id, CheckToken(id));
+  }
   valid_ = std::move(valid);
   std::erase_if(sessions_, [&](const auto& session) {
-    return now_us >= session.second.expire_time_us || !valid_.contains(session.second.token_id);
+    const bool over = NowUs() >= session.second.expire_time_us;
+    absl::Status status = over ? SessionEnded() : CheckToken(session.second.token_id);
+    if (!status.ok()) ended.emplace(session.first, std::move(status));
+    return ended.contains(session.first);
   });
   return ended;
 }

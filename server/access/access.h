@@ -22,6 +22,7 @@ struct AccessOptions {
   std::chrono::seconds session_time{12 * 3600};
   std::chrono::milliseconds period{500};   // within which a change of the tokens is noticed
   std::chrono::seconds refusals_time{60};  // refusals alike within it are one entry of the audit log
+  double retain_audit_days = 0;            // entries older than it go, within a day; 0: they are kept for ever
 };
 
 // What came with a request.
@@ -47,8 +48,8 @@ class Access {
   // address would shut out all behind it.
   absl::StatusOr<Caller> Authenticate(const Credentials& credentials, std::string_view method);
 
-  // Whether the token that the caller came with is still valid.
-  bool StillValid(const Caller& caller) const;
+  // OK, or why the token or session that the caller came with is valid no more: UNAUTHENTICATED.
+  absl::Status StillValid(const Caller& caller) const;
 
   struct Session {
     std::string secret;  // the cookie's value
@@ -59,8 +60,10 @@ class Access {
   absl::StatusOr<Session> LogIn(const Credentials& credentials);
   void LogOut(std::string_view session);
 
-  // Calls `ended` with the id of every token that ceases to be valid, until it is set again; nullptr: nobody.
-  void OnTokenEnd(std::function<void(const std::string& token_id)> ended);
+  // Calls `ended` with the id of every token and session that ceases to be valid (Caller::credential_id), and why,
+  // until it is set again; nullptr: nobody. The sessions of a token end with it.
+  using CredentialEnd = std::function<void(const std::string& credential_id, const absl::Status& why)>;
+  void OnCredentialEnd(CredentialEnd ended);
 
   // UNAVAILABLE while the audit log cannot be written: then nothing must be changed.
   absl::Status AuditReady() const;
@@ -91,16 +94,19 @@ class Access {
 
   Access(std::unique_ptr<AccessStore> store, AccessOptions options);
 
-  absl::StatusOr<Caller> Find(const Credentials& credentials) const;           // under mutex_
-  absl::StatusOr<std::string> TokenOfSession(std::string_view session) const;  // under mutex_
-  absl::Status Failed(const Credentials& credentials, absl::Status status);    // under mutex_
-  void Count(AuditEntry entry);                                                // under mutex_
-  void QueueRefusals(bool all);                                                // under mutex_
+  absl::StatusOr<Caller> Find(const Credentials& credentials) const;         // under mutex_
+  absl::StatusOr<std::string> SessionId(std::string_view session) const;     // under mutex_; of one that lasts
+  absl::Status CheckToken(const std::string& id) const;                      // under mutex_
+  absl::Status Failed(const Credentials& credentials, absl::Status status);  // under mutex_
+  void Count(AuditEntry entry);                                              // under mutex_
+  void QueueRefusals(bool all);                                              // under mutex_
   void Loop();
   void WriteAudit(std::unique_lock<std::mutex>& lock);
   void WriteUse(std::unique_lock<std::mutex>& lock);
+  void RemoveOldAudit(std::unique_lock<std::mutex>& lock);
   absl::Status Load(std::unique_lock<std::mutex>& lock);
-  std::vector<std::string> NewlyInvalid();  // under mutex_
+  std::map<std::string, absl::Status> NewlyEnded();             // under mutex_; by credential, why
+  void Tell(const std::map<std::string, absl::Status>& ended);  // not under mutex_
 
   // Constant after construction.
   const std::unique_ptr<AccessStore> store_;
@@ -124,10 +130,11 @@ class Access {
   std::int64_t refusals_since_us_ = 0;
   std::uint64_t requests_ = 0;
   std::int64_t foreign_changes_ = -1;
+  std::chrono::steady_clock::time_point next_removal_;
   bool ending_ = false;
 
-  std::mutex ended_mutex_;                         // before mutex_, never the other way round
-  std::function<void(const std::string&)> ended_;  // guarded by ended_mutex_
+  std::mutex ended_mutex_;  // before mutex_, never the other way round
+  CredentialEnd ended_;     // guarded by ended_mutex_
 
   std::thread thread_;
 };

@@ -10,9 +10,14 @@ namespace orbitune {
 struct Caller {
   std::string name;  // the token's; "local" where the server has no tokens, and everybody is an admin
   Role role = Role::kNone;
-  std::string token_id;    // names the token without telling it; empty: called without one
-  std::string peer;        // IP address, without the port
+  std::string token_id;  // names the token without telling it; empty: called without one
+  std::string
+      session_id;    // of the dashboard's session that stood for the token, likewise; empty: the token itself came
+  std::string peer;  // IP address, without the port
   std::string request_id;  // the client's own, else made up; never empty
+
+  // What was sent, the end of which ends what the caller has open; empty: nothing.
+  const std::string& credential_id() const { return session_id.empty() ? token_id : session_id; }
 
   // Whose what it creates becomes: nobody's where the server has no tokens.
   std::string owner() const { return token_id.empty() ? "" : name; }
@@ -28,6 +33,7 @@ inline Caller LocalCaller(std::string peer, std::string request_id = "local") {
   return {.name = kLocalName,
           .role = Role::kAdmin,
           .token_id = {},
+          .session_id = {},
           .peer = std::move(peer),
           .request_id = std::move(request_id)};
 }

@@ -69,13 +69,12 @@ Api::Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains, 
   simulation_.AddTo(methods_);
   access_api_.AddTo(methods_);
   if (access_ == nullptr) return;
-  access_->OnTokenEnd([this](const std::string& token_id) {
-    feeds_.EndThoseOf(token_id, absl::UnauthenticatedError("the token is valid no more"));
-  });
+  access_->OnCredentialEnd(
+      [this](const std::string& credential_id, const absl::Status& why) { feeds_.EndThoseOf(credential_id, why); });
 }
 
 Api::~Api() {
-  if (access_ != nullptr) access_->OnTokenEnd(nullptr);
+  if (access_ != nullptr) access_->OnCredentialEnd(nullptr);
 }
 
 absl::StatusOr<Caller> Api::Authenticate(const Credentials& credentials, std::string_view method) {
@@ -215,11 +214,11 @@ std::shared_ptr<Feed> Api::Open(const Method& method, const CallContext& context
     return EndedFeed(std::move(status));
   };
   if (absl::Status status = CheckRole(method, caller); !status.ok()) return refuse(std::move(status));
-  auto feed =
-      feeds_.Open({caller.client(), caller.token_id, context.transport}, [&] { return method.open(request, context); });
+  auto feed = feeds_.Open({caller.client(), caller.credential_id(), context.transport},
+                          [&] { return method.open(request, context); });
   if (!feed.ok()) return refuse(feed.status());
   if (caller.token_id.empty() || access_ == nullptr) return *std::move(feed);
-  if (!access_->StillValid(caller)) (*feed)->End(absl::UnauthenticatedError("the token is valid no more"));
+  if (absl::Status status = access_->StillValid(caller); !status.ok()) (*feed)->End(status);
   return *std::move(feed);
 }
 

@@ -56,7 +56,8 @@ class Api {
             google::protobuf::Message* response, std::function<void(absl::Status)> done);
 
   // A stream; one that ends at once with PERMISSION_DENIED where the method's rule keeps the caller out. It ends with
-  // UNAUTHENTICATED when the caller's token does, and at once with RESOURCE_EXHAUSTED where there are too many.
+  // UNAUTHENTICATED when the caller's token or session does, and at once with RESOURCE_EXHAUSTED where there are too
+  // many.
   std::shared_ptr<Feed> Open(const Method& method, const CallContext& context,
                              const google::protobuf::Message& request);
 

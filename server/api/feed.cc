@@ -138,20 +138,20 @@ Feeds::Counts Feeds::Count() {
   return counts;
 }
 
-std::vector<std::shared_ptr<Feed>> Feeds::Those(const std::string* token_id) const {
+std::vector<std::shared_ptr<Feed>> Feeds::Those(const std::string* credential_id) const {
   std::vector<std::shared_ptr<Feed>> those;
   for (const auto& [address, held] : feeds_) {
-    if (token_id != nullptr && held.owner.token_id != *token_id) continue;
+    if (credential_id != nullptr && held.owner.credential_id != *credential_id) continue;
     if (auto feed = held.feed.lock()) those.push_back(std::move(feed));
   }
   return those;
 }
 
-void Feeds::EndThoseOf(const std::string& token_id, const absl::Status& status) {
+void Feeds::EndThoseOf(const std::string& credential_id, const absl::Status& status) {
   std::vector<std::shared_ptr<Feed>> feeds;
   {
     const std::lock_guard lock(mutex_);
-    feeds = Those(&token_id);
+    feeds = Those(&credential_id);
   }
   for (const auto& feed : feeds) feed->End(status);
 }

@@ -102,8 +102,8 @@ std::shared_ptr<Feed> EndedFeed(absl::Status status);
 
 // Whose a feed is.
 struct FeedOwner {
-  std::string client;  // with whom it shares limits
-  std::string token_id;
+  std::string client;          // with whom it shares limits
+  std::string credential_id;   // with which it was opened; empty: without
   std::string_view transport;  // a literal
 };
 
@@ -124,7 +124,7 @@ class Feeds {
   // A feed that `open` makes; RESOURCE_EXHAUSTED with the limit where its owner may have no more.
   absl::StatusOr<std::shared_ptr<Feed>> Open(FeedOwner owner, const std::function<std::shared_ptr<Feed>()>& open);
 
-  void EndThoseOf(const std::string& token_id, const absl::Status& status);
+  void EndThoseOf(const std::string& credential_id, const absl::Status& status);
 
   // Ends every feed with UNAVAILABLE, and every later one at once.
   void Drain();
@@ -145,7 +145,7 @@ class Feeds {
   absl::Status Reserve(const std::string& client);
   void Release(const std::string& client);  // under mutex_
 
-  std::vector<std::shared_ptr<Feed>> Those(const std::string* token_id) const;  // under mutex_; nullptr: all
+  std::vector<std::shared_ptr<Feed>> Those(const std::string* credential_id) const;  // under mutex_; nullptr: all
 
   const Limits limits_;
 

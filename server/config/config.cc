@@ -123,6 +123,8 @@ void AddHttpOptions(CLI::App& app, ServerConfig& config) {
       ->check(CheckOrigin);
   AddNumber(app, "http-max-connections", config.http_max_connections, 1, 100'000,
             "HTTP connections at a time; more get 429");
+  AddNumber(app, "http-max-connections-per-client", config.http_max_connections_per_client, 1, 100'000,
+            "Those of one address (of IPv6, of a /64); behind a proxy all clients have one");
   AddNumber(app, "http-max-header-bytes", config.http_max_header_bytes, 1024, 1 << 20,
             "Largest head of an HTTP request");
   AddNumber(app, "http-max-body-bytes", config.http_max_body_bytes, 1024, 64 << 20, "Largest body of an HTTP request");
@@ -174,6 +176,12 @@ void AddStorageOptions(CLI::App& app, ServerConfig& config) {
             "Likewise, the iterations of a job but the first, the best and the last");
   AddNumber(app, "retain-backups-days", config.retain_backups_days, 0.0, 36'500.0,
             "Days after which a backup made before a migration is deleted; 0: never. The newest always stays");
+  app.add_option(
+         "--retain-audit-days", config.retain_audit_days,
+         "Days after which an entry of the audit log is removed, at least 1; 0: never. What goes leaves an entry")
+      ->envname("ORBITUNE_RETAIN_AUDIT_DAYS")
+      ->check(CLI::Range(1.0, 36'500.0) | CLI::IsMember({0.0}))
+      ->capture_default_str();
   app.add_option("--max-database-bytes", config.max_database_bytes,
                  "Bytes in use in the database (20GB will do) above which what ended first is removed, iterations "
                  "first; 0: no limit")

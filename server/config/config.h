@@ -15,6 +15,7 @@ struct ServerConfig {
   std::string web_dir;
   std::vector<std::string> http_cors_origins;
   int http_max_connections = 1024;
+  int http_max_connections_per_client = 768;
   int http_max_header_bytes = 16 << 10;
   int http_max_body_bytes = 16 << 20;
   int http_max_bodies_bytes = 64 << 20;
@@ -52,6 +53,7 @@ struct ServerConfig {
   double retain_campaigns_days = 0;
   double retain_iterations_days = 0;
   double retain_backups_days = 0;
+  double retain_audit_days = 0;
   std::uint64_t max_database_bytes = 0;  // 0: no limit
 };
 

@@ -8,6 +8,7 @@
 #include "core/base/status.h"
 #include "server/api/json.h"
 #include "server/rest/compress.h"
+#include "server/rest/credentials.h"
 #include "server/rest/error.h"
 #include "server/rest/openapi.h"
 #include "server/rest/session.h"
@@ -35,6 +36,9 @@ HttpReply MethodNotAllowed(const std::vector<std::string>& allowed) {
 // A body of so many bytes is read as JSON where it arrives; a larger one on another thread.
 constexpr std::size_t kReadAtOnce = 4096;
 
+// Of a body that comes with no token: to log in, or where nobody reads it.
+constexpr std::size_t kLargestOpenBody = 4096;
+
 // "https://example.org:8443" without its scheme.
 std::string_view HostOf(std::string_view origin) {
   const std::size_t scheme = origin.find("://");
@@ -59,6 +63,12 @@ bool IsJson(std::string_view content_type) {
 HttpReply NotJson(const HttpRequest& request) {
   return ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Type: must be application/json, got ",
                                                             FormatReceived(request.header("Content-Type")))),
+                    415);
+}
+
+HttpReply Encoded(const HttpRequest& request) {
+  return ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Encoding: a request is sent as it is, got ",
+                                                            FormatReceived(request.header("Content-Encoding")))),
                     415);
 }
 
@@ -146,11 +156,29 @@ bool Gateway::IsAllowedOrigin(std::string_view origin) const {
   });
 }
 
-absl::StatusOr<Caller> Gateway::Admit(const Method& method, const HttpRequest& request) const {
+std::variant<Caller, HttpReply> Gateway::Admit(const Method& method, const HttpRequest& request, bool has_body) const {
   auto caller = api_.Authenticate(CredentialsOf(request), method.descriptor->full_name());
-  if (!caller.ok()) return caller;
-  if (absl::Status status = api_.CheckRole(method, *caller); !status.ok()) return status;
-  return caller;
+  absl::Status status = caller.status();
+  if (status.ok()) status = api_.CheckRole(method, *caller);
+  if (!status.ok()) return AccessRefusal(status, request);
+  if (has_body && !IsJson(request.header("Content-Type"))) return NotJson(request);
+  if (!request.header("Content-Encoding").empty()) return Encoded(request);
+  return *std::move(caller);
+}
+
+std::variant<std::size_t, HttpReply> Gateway::AdmitBody(const HttpRequest& head) const {
+  const auto refuse = [&](HttpReply reply) {
+    AddHeaders(head, reply.headers);
+    return reply;
+  };
+  if (absl::Status status = CheckOrigin(head); !status.ok()) return refuse(ErrorReply(status));
+  const auto target = ParseTarget(head.target);
+  if (!target.ok()) return refuse(ErrorReply(target.status()));
+  const RouteTable::Match match = routes_.Find(head.method, target->path);
+  if (match.route == nullptr) return kLargestOpenBody;
+  auto admitted = Admit(*match.route->method, head, true);
+  if (auto* refusal = std::get_if<HttpReply>(&admitted)) return refuse(std::move(*refusal));
+  return options_.max_body_bytes;
 }
 
 void Gateway::HandleSession(const std::shared_ptr<Exchange>& exchange) {
@@ -170,16 +198,9 @@ void Gateway::Post(Work work, const std::shared_ptr<Exchange>& exchange, std::fu
 
 void Gateway::HandleRoute(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange) {
   const HttpRequest& request = exchange->request;
-  auto caller = Admit(*match.route->method, request);
-  if (!caller.ok()) return Send(*exchange, AccessRefusal(caller.status(), request));
-  exchange->context.caller = *std::move(caller);
-  if (!request.body.empty() && !IsJson(request.header("Content-Type"))) return Send(*exchange, NotJson(request));
-  if (const std::string_view coding = request.header("Content-Encoding"); !coding.empty()) {
-    return Send(*exchange,
-                ErrorReply(absl::InvalidArgumentError(absl::StrCat("Content-Encoding: a request is sent as it is, got ",
-                                                                   FormatReceived(coding))),
-                           415));
-  }
+  auto admitted = Admit(*match.route->method, request, !request.body.empty());
+  if (auto* refusal = std::get_if<HttpReply>(&admitted)) return Send(*exchange, std::move(*refusal));
+  exchange->context.caller = std::get<Caller>(std::move(admitted));
   if (match.route->method->open != nullptr) return Send(*exchange, OpenStream(match, *exchange));
   exchange->context.transport = "http";
   if (request.body.size() <= kReadAtOnce) return CallMethod(match, exchange);
@@ -259,17 +280,21 @@ HttpReply Gateway::Preflight(const HttpRequest& request, const std::vector<std::
   return reply;
 }
 
-void Gateway::Send(const Exchange& exchange, Reply reply) const {
-  auto& headers = std::visit(
-      [](auto& r) -> auto& { return r.headers; }, reply);
+void Gateway::AddHeaders(const HttpRequest& request, Headers& headers) const {
   headers.emplace_back("X-Content-Type-Options", "nosniff");
-  const std::string& request_id = exchange.context.caller.request_id;
-  if (!request_id.empty()) headers.emplace_back("X-Request-Id", request_id);
-  if (const std::string_view origin = exchange.request.header("Origin"); !origin.empty() && IsAllowedOrigin(origin)) {
+  if (const std::string_view origin = request.header("Origin"); !origin.empty() && IsAllowedOrigin(origin)) {
     headers.emplace_back("Access-Control-Allow-Origin", origin);
     headers.emplace_back("Access-Control-Expose-Headers", "Retry-After, X-Request-Id");
   }
   if (!options_.cors_origins.empty()) headers.emplace_back("Vary", "Origin");
+}
+
+void Gateway::Send(const Exchange& exchange, Reply reply) const {
+  auto& headers = std::visit(
+      [](auto& r) -> auto& { return r.headers; }, reply);
+  AddHeaders(exchange.request, headers);
+  const std::string& request_id = exchange.context.caller.request_id;
+  if (!request_id.empty()) headers.emplace_back("X-Request-Id", request_id);
   exchange.done(std::move(reply));
 }
 

@@ -22,6 +22,7 @@ struct GatewayOptions {
   // Refuse Host headers that are neither localhost nor an IP address nor an allowed origin's, so that no page can make
   // a browser take this server for its own (DNS rebinding).
   bool local_hosts_only = false;
+  std::size_t max_body_bytes = kLargestRequestBytes;
   std::function<std::string()> metrics;  // what /metrics answers; may block; unset: there are none
 };
 
@@ -41,6 +42,10 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
   // api: outlives all that is under way.
   Gateway(Api& api, GatewayOptions options);
 
+  // Of a request whose head alone has come: how many bytes its body may have, or what it is refused with at once, so
+  // that a large body is received only from who may do what it asks for. Does not block.
+  std::variant<std::size_t, HttpReply> AdmitBody(const HttpRequest& head) const;
+
   // Calls `done` once, from within or from another thread. Does not block.
   void Handle(HttpRequest request, Cancelled cancelled, std::function<void(Reply)> done);
 
@@ -59,7 +64,8 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
   Reply Fixed(const HttpRequest& request, const Target& target) const;
   absl::Status CheckOrigin(const HttpRequest& request) const;
   void HandleSession(const std::shared_ptr<Exchange>& exchange);
-  absl::StatusOr<Caller> Admit(const Method& method, const HttpRequest& request) const;
+  // Who sends a request to a method, or why it is refused whatever its body says.
+  std::variant<Caller, HttpReply> Admit(const Method& method, const HttpRequest& request, bool has_body) const;
   bool IsAllowedOrigin(std::string_view origin) const;
   void HandleRoute(const RouteTable::Match& match, const std::shared_ptr<Exchange>& exchange);
   void HandleFile(const std::shared_ptr<Exchange>& exchange);
@@ -69,6 +75,9 @@ class Gateway : public std::enable_shared_from_this<Gateway> {
   static HttpReply Answer(const Exchange& exchange);
   Reply OpenStream(const RouteTable::Match& match, Exchange& exchange) const;
   HttpReply Preflight(const HttpRequest& request, const std::vector<std::string>& allowed) const;
+  using Headers = std::vector<std::pair<std::string, std::string>>;
+  // What every reply has.
+  void AddHeaders(const HttpRequest& request, Headers& headers) const;
   void Send(const Exchange& exchange, Reply reply) const;
 
   Api& api_;

@@ -19,6 +19,7 @@ struct HttpOptions {
   std::string web_dir;                    // the dashboard's files; need not exist
   std::vector<std::string> cors_origins;  // pages from elsewhere that may call this server, "*": all
   int max_connections = 1024;             // what comes beyond is answered 429
+  int max_connections_per_client = 768;   // of one address (of IPv6, of a network of 64 bits), likewise
   std::size_t max_header_bytes = 16 << 10;
   std::size_t max_body_bytes = kLargestRequestBytes;
   std::size_t max_bodies_bytes = 64 << 20;        // of all requests that are being received

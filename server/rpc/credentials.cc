@@ -9,10 +9,10 @@
 #include <iterator>
 #include <mutex>
 
+#include "server/access/credentials.h"
+
 namespace orbitune {
 namespace {
-
-constexpr std::size_t kLongestRequestId = 64;
 
 std::string_view Metadata(const grpc::ServerContextBase& context, const char* key) {
   const auto found = context.client_metadata().find(key);
@@ -87,17 +87,10 @@ class WatchedTls final : public grpc::ServerCredentials {
 }  // namespace
 
 Credentials CredentialsOf(const grpc::ServerContextBase& context) {
-  std::string_view token = Metadata(context, "authorization");
-  for (const std::string_view scheme : {"Bearer ", "bearer "}) {
-    if (token.starts_with(scheme)) token.remove_prefix(scheme.size());
-  }
-  const std::string_view id = Metadata(context, "x-request-id");
-  const bool usable =
-      id.size() <= kLongestRequestId && std::ranges::all_of(id, [](char c) { return c > ' ' && c <= '~'; });
-  return {.token = token,
+  return {.token = BearerToken(Metadata(context, "authorization")),
           .session = {},
           .peer = AddressOf(context.peer()),
-          .request_id = usable ? std::string(id) : std::string()};
+          .request_id = std::string(UsableRequestId(Metadata(context, "x-request-id")))};
 }
 
 std::shared_ptr<grpc::ServerCredentials> ServerCredentialsOf(const TlsFiles& tls) {

@@ -5,6 +5,7 @@
 
 #include <map>
 
+#include "absl/strings/match.h"
 #include "google/protobuf/descriptor_database.h"
 #include "orbitune/v1/access.pb.h"
 #include "orbitune/v1/audit.grpc.pb.h"
@@ -104,13 +105,21 @@ class AccessApiTest : public testing::Test {
     return HttpClient(http_->address())
         .Call(method, target, body, headers + (body.empty() ? "" : "Content-Type: application/json\r\n"));
   }
-  Reply Http(const rest::Route& route, const std::string& token) {
+  static std::string TargetOf(const rest::Route& route) {
     std::string target;
     for (const rest::PathTemplate::Segment& segment : route.path.segments) {
       target += "/" + (segment.kind == rest::PathTemplate::Segment::Kind::kLiteral ? segment.literal : "nosuch");
     }
     if (!route.path.verb.empty()) target += ":" + route.path.verb;
-    return Http(route.http_method, target, Bearer(token), route.body.empty() ? "" : "{}");
+    return target;
+  }
+  Reply Http(const rest::Route& route, const std::string& token) {
+    return Http(route.http_method, TargetOf(route), Bearer(token), route.body.empty() ? "" : "{}");
+  }
+  // The head of a request that announces a body; headers: whole lines, with the body's length.
+  static std::string HeadOf(const std::string& method, const std::string& target, const std::string& headers) {
+    return method + " " + target + " HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n" + headers +
+           "\r\n";
   }
 
   std::string CreateJobAs(const std::string& owner) {
@@ -151,6 +160,14 @@ class AccessApiTest : public testing::Test {
     EXPECT_THAT(cookie, AllOf(HasSubstr("; HttpOnly"), HasSubstr("; SameSite=Strict"), HasSubstr("; Path=/"),
                               HasSubstr("; Max-Age=43200"), Not(HasSubstr("Secure"))));
     return "Cookie: theme=dark; " + cookie.substr(0, cookie.find(';')) + "\r\n";
+  }
+  // What a stream that has been open ends with.
+  static void ExpectLastWord(EventStream& stream, const std::string& reason) {
+    ASSERT_EQ(stream.head().code, 200);
+    const std::vector<StreamEvent> events = stream.ReadAll();
+    ASSERT_FALSE(events.empty());
+    EXPECT_THAT(events.back().json, AllOf(HasSubstr(R"("status":"UNAUTHENTICATED")"), HasSubstr(reason)));
+    EXPECT_TRUE(stream.ended_well());
   }
   std::string OwnOrigin() const { return "Origin: http://localhost\r\n"; }
 
@@ -228,6 +245,70 @@ TEST_F(AccessApiTest, EveryMethodAsksForItsRole) {
       EXPECT_EQ(reply.code == 403, role < route.method->access.role) << route.text << " as " << NameOf(role);
     }
   }
+}
+
+// None of these bodies is ever sent: the answer cannot have waited for it.
+TEST_F(AccessApiTest, WhoMayNotSendABodyIsToldByTheHeadAlone) {
+  const rest::RouteTable routes(api_->methods());
+  int bodies = 0;
+  for (const rest::Route& route : routes.all()) {
+    if (route.body.empty()) continue;
+    ++bodies;
+    for (const std::string announced : {"Content-Length: 1000000\r\n", "Transfer-Encoding: chunked\r\n",
+                                        "Expect: 100-continue\r\nContent-Length: 1000000\r\n"}) {
+      for (const std::string& token : {std::string(), revoked_, expired_, viewer_}) {
+        if (token == viewer_ && route.method->access.role <= Role::kViewer) continue;
+        HttpClient client(http_->address());
+        client.Send(HeadOf(route.http_method, TargetOf(route), Bearer(token) + announced));
+        const Reply reply = client.ReadReply();
+        EXPECT_EQ(reply.code, token == viewer_ ? 403 : 401) << route.text << " " << announced;
+        EXPECT_EQ(reply.headers.at("connection"), "close");
+        EXPECT_EQ(reply.headers.at("x-content-type-options"), "nosniff");
+        EXPECT_TRUE(client.Closes());
+      }
+    }
+  }
+  EXPECT_GT(bodies, 8);
+  // One of another page, and what is no JSON, likewise; and nothing large to where anybody may send.
+  const std::string length = "Content-Length: 1000000\r\n";
+  for (const auto& [head, code] : std::map<std::string, int>{
+           {HeadOf("POST", "/v1/jobs", Bearer(ana_) + "Origin: https://example.org\r\n" + length), 403},
+           {HeadOf("POST", "/v1/jobs", Bearer(ana_) + "Content-Encoding: gzip\r\n" + length), 415},
+           {HeadOf("POST", "/v1/session", length), 413},
+           {HeadOf("GET", "/healthz", length), 413}}) {
+    HttpClient client(http_->address());
+    client.Send(head);
+    EXPECT_EQ(client.ReadReply().code, code) << head;
+  }
+}
+
+TEST_F(AccessApiTest, ARefusalReachesWhoGoesOnSending) {
+  const std::string part(1 << 20, ' ');
+  for (const std::string announced : {"Content-Length: 4194304\r\n", "Transfer-Encoding: chunked\r\n"}) {
+    HttpClient client(http_->address());
+    client.Send(HeadOf("POST", "/v1/jobs", announced));
+    for (int i = 0; i < 4; ++i) EXPECT_TRUE(client.Send("100000\r\n" + part + "\r\n"));
+    EXPECT_EQ(client.ReadReply().code, 401);
+    EXPECT_TRUE(client.Closes());
+  }
+  // Each is one refusal.
+  const AuditEntry refused = WaitForEntry([](const AuditEntry& entry) { return entry.outcome == "UNAUTHENTICATED"; });
+  EXPECT_EQ(refused.method, "orbitune.v1.TuningService.CreateJob");
+  EXPECT_LE(refused.count, 2);
+}
+
+TEST_F(AccessApiTest, ATokenRevokedWhileTheBodyComesCountsNoMore) {
+  const std::string body = ToJson(CreateRequest(SearchOptions::kMaxIterations).job());
+  HttpClient client(http_->address());
+  client.Send(HeadOf("POST", "/v1/jobs",
+                     Bearer(ana_) + "Expect: 100-continue\r\nContent-Length: " + std::to_string(body.size()) + "\r\n"));
+  EXPECT_EQ(client.ReadHead().code, 100);
+  ASSERT_TRUE(console_->RevokeTokens("ana", Now()).ok());
+  for (int i = 0; i < 6000 && Http("GET", "/v1/caller", Bearer(ana_)).code != 401; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  client.Send(body);
+  EXPECT_EQ(client.ReadReply().code, 401);
 }
 
 TEST_F(AccessApiTest, WhatIsAnothersIsItsOwnersAndTheAdminsToSteer) {
@@ -370,10 +451,45 @@ TEST_F(AccessApiTest, StreamsEndWithTheTokenThatOpenedThem) {
   ASSERT_TRUE(console_->RevokeTokens("vera", NowUs()).ok());
   while (reader->Read(&event)) {
   }
-  EXPECT_EQ(reader->Finish().error_code(), StatusCode::UNAUTHENTICATED);
-  EXPECT_EQ(stream.ReadAll().back().kind, "error");
+  const grpc::Status status = reader->Finish();
+  EXPECT_EQ(status.error_code(), StatusCode::UNAUTHENTICATED);
+  EXPECT_EQ(DetailsOf(status).reason, "TOKEN_REVOKED");
+  ExpectLastWord(stream, "TOKEN_REVOKED");
   StreamEvent of_another;
   EXPECT_TRUE(others.Read(&of_another));
+}
+
+TEST_F(AccessApiTest, StreamsEndWithTheSessionThatOpenedThem) {
+  const std::string target = "/v1/" + CreateJobAs("ana") + ":watch";
+  const std::string cookie = LogIn(ana_);
+  const std::string other_cookie = LogIn(ana_);
+  EventStream sse(http_->address(), target, true, cookie);
+  EventStream lines(http_->address(), target, false, cookie);
+  EventStream of_the_token(http_->address(), target, true, Bearer(ana_));
+  EventStream of_the_other(http_->address(), target, false, other_cookie);
+  EXPECT_EQ(Http("DELETE", "/v1/session", cookie + OwnOrigin()).code, 204);
+  ExpectLastWord(sse, "SESSION_ENDED");
+  ExpectLastWord(lines, "SESSION_ENDED");
+  EXPECT_EQ(HttpClient(http_->address()).Get(target, cookie).code, 401);
+  EXPECT_EQ(Http("GET", "/v1/caller", other_cookie).code, 200);
+  // Those that are left end with the token, and so does its session.
+  ASSERT_TRUE(console_->RevokeTokens("ana", Now()).ok());
+  ExpectLastWord(of_the_token, "TOKEN_REVOKED");
+  ExpectLastWord(of_the_other, "TOKEN_REVOKED");
+}
+
+TEST_F(AccessApiTest, AStreamEndsWhenItsTokenExpires) {
+  const std::string job = CreateJobAs("ana");
+  bool opened = false;
+  for (std::int64_t time_s = 1; !opened; time_s *= 2) {  // long enough to open a stream with
+    const std::string brief = AddToken("brief", Role::kViewer, Now() + time_s * 1'000'000);
+    while (absl::StrContains(Http("GET", "/v1/caller", Bearer(brief)).body, "TOKEN_INVALID")) {  // not noticed yet
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    EventStream stream(http_->address(), "/v1/" + job + ":watch", true, Bearer(brief));
+    opened = stream.head().code == 200;
+    if (opened) ExpectLastWord(stream, "TOKEN_EXPIRED");
+  }
 }
 
 TEST_F(AccessApiTest, WhatIsChangedAndWhatIsRefusedIsInTheAuditLog) {

@@ -15,7 +15,9 @@ namespace {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsSupersetOf;
 using ::testing::Not;
+using ::testing::Pair;
 using ::testing::StartsWith;
 
 std::int64_t Now() {
@@ -85,6 +87,29 @@ class AccessTest : public testing::Test {
   std::unique_ptr<Access> access_;
 };
 
+// What has ended while it lives: credential ids and reasons.
+class EndedCredentials {
+ public:
+  explicit EndedCredentials(Access& access) : access_(access) {
+    access_.OnCredentialEnd([this](const std::string& id, const absl::Status& why) {
+      EXPECT_EQ(why.code(), absl::StatusCode::kUnauthenticated);
+      const std::lock_guard lock(mutex_);
+      EXPECT_TRUE(ended_.emplace(id, ReasonOf(why)).second) << id << " ended twice";
+    });
+  }
+  ~EndedCredentials() { access_.OnCredentialEnd(nullptr); }
+
+  std::map<std::string, std::string> Get() {
+    const std::lock_guard lock(mutex_);
+    return ended_;
+  }
+
+ private:
+  Access& access_;
+  std::mutex mutex_;
+  std::map<std::string, std::string> ended_;  // guarded by mutex_
+};
+
 TEST_F(AccessTest, WithoutTokensEverybodyIsALocalAdminAndOwnsNothing) {
   Open();
   EXPECT_FALSE(access_->needs_token());
@@ -129,23 +154,14 @@ TEST_F(AccessTest, ARunningServerNoticesNewTokensAndRevokedOnes) {
   EXPECT_TRUE(Call("").ok());
   const Secret secret = AddToken("ana", Role::kViewer);
   WaitUntil([&] { return Call(secret.text).ok() && !Call("").ok(); });
-  std::vector<std::string> ended;
-  std::mutex mutex;
-  access_->OnTokenEnd([&](const std::string& id) {
-    const std::lock_guard lock(mutex);
-    ended.push_back(id);
-  });
+  EndedCredentials ended(*access_);
   const auto caller = *Call(secret.text);
   ASSERT_TRUE(console_->RevokeTokens("ana", Now()).ok());
   WaitUntil([&] { return !Call(secret.text).ok(); });
   EXPECT_EQ(ReasonOf(Call(secret.text).status()), "TOKEN_REVOKED");
-  EXPECT_FALSE(access_->StillValid(caller));
-  WaitUntil([&] {
-    const std::lock_guard lock(mutex);
-    return !ended.empty();
-  });
-  EXPECT_THAT(ended, ElementsAre(secret.id));
-  access_->OnTokenEnd(nullptr);
+  EXPECT_EQ(ReasonOf(access_->StillValid(caller)), "TOKEN_REVOKED");
+  WaitUntil([&] { return !ended.Get().empty(); });
+  EXPECT_THAT(ended.Get(), ElementsAre(Pair(secret.id, "TOKEN_REVOKED")));
   // The last one revoked does not open the door.
   EXPECT_EQ(ReasonOf(Call("").status()), "TOKEN_REQUIRED");
   EXPECT_EQ(console_->RevokeTokens("ana", Now()).status().code(), absl::StatusCode::kNotFound);
@@ -155,8 +171,10 @@ TEST_F(AccessTest, ATokenExpires) {
   const Secret secret = AddToken("ana", Role::kViewer, Now() + 200'000);
   const Secret past = AddToken("bob", Role::kViewer, Now() - 1);
   Open();
+  EndedCredentials ended(*access_);
   EXPECT_EQ(ReasonOf(Call(past.text).status()), "TOKEN_EXPIRED");
-  WaitUntil([&] { return ReasonOf(Call(secret.text).status()) == "TOKEN_EXPIRED"; });
+  WaitUntil([&] { return ReasonOf(Call(secret.text).status()) == "TOKEN_EXPIRED" && !ended.Get().empty(); });
+  EXPECT_THAT(ended.Get(), ElementsAre(Pair(secret.id, "TOKEN_EXPIRED")));
 }
 
 TEST_F(AccessTest, ASessionEndsWithItsTokenAndByLoggingOut) {
@@ -165,6 +183,10 @@ TEST_F(AccessTest, ASessionEndsWithItsTokenAndByLoggingOut) {
   const auto session = access_->LogIn({.token = secret.text, .session = {}, .peer = "192.0.2.1", .request_id = {}});
   const auto other = access_->LogIn({.token = secret.text, .session = {}, .peer = "192.0.2.1", .request_id = {}});
   ASSERT_TRUE(session.ok() && other.ok());
+  const Caller caller = *CallBySession(session->secret);
+  const Caller another = *CallBySession(other->secret);
+  EXPECT_TRUE(access_->StillValid(caller).ok());
+  EndedCredentials ended(*access_);
   EXPECT_NE(session->secret, other->secret);
   EXPECT_THAT(session->secret, Not(HasSubstr(secret.text)));
   EXPECT_EQ(CallBySession(session->secret)->name, "ana");
@@ -172,10 +194,15 @@ TEST_F(AccessTest, ASessionEndsWithItsTokenAndByLoggingOut) {
   EXPECT_FALSE(Call(session->secret).ok());
   EXPECT_FALSE(CallBySession(secret.text).ok());
   access_->LogOut(session->secret);
+  EXPECT_THAT(ended.Get(), ElementsAre(Pair(caller.credential_id(), "SESSION_ENDED")));
+  EXPECT_EQ(ReasonOf(access_->StillValid(caller)), "SESSION_ENDED");
+  EXPECT_TRUE(access_->StillValid(another).ok());
   EXPECT_EQ(ReasonOf(CallBySession(session->secret).status()), "SESSION_ENDED");
   EXPECT_TRUE(CallBySession(other->secret).ok());
   ASSERT_TRUE(console_->RevokeTokens(secret.id, Now()).ok());
-  WaitUntil([&] { return !CallBySession(other->secret).ok(); });
+  WaitUntil([&] { return !CallBySession(other->secret).ok() && ended.Get().size() == 3; });
+  EXPECT_THAT(ended.Get(),
+              IsSupersetOf({Pair(secret.id, "TOKEN_REVOKED"), Pair(another.credential_id(), "TOKEN_REVOKED")}));
 }
 
 TEST_F(AccessTest, ASessionEndsInTime) {
@@ -183,7 +210,10 @@ TEST_F(AccessTest, ASessionEndsInTime) {
   Open({.session_time = std::chrono::seconds(1)});
   const auto session = access_->LogIn({.token = secret.text, .session = {}, .peer = "192.0.2.1", .request_id = {}});
   ASSERT_TRUE(session.ok());
+  EndedCredentials ended(*access_);
   WaitUntil([&] { return ReasonOf(CallBySession(session->secret).status()) == "SESSION_ENDED"; });
+  WaitUntil([&] { return !ended.Get().empty(); });
+  EXPECT_EQ(ended.Get().begin()->second, "SESSION_ENDED");
   EXPECT_TRUE(Call(secret.text).ok());
 }
 
@@ -255,6 +285,42 @@ TEST_F(AccessTest, ManyAtOnceAreAllThere) {
   std::set<std::string> resources;
   for (const AuditEntry& entry : Entries()) resources.insert(entry.resource);
   EXPECT_EQ(resources.size(), 200u);
+}
+
+TEST_F(AccessTest, WhatIsOldLeavesTheAuditLogFromTheFrontAndIsCounted) {
+  constexpr std::int64_t kDayUs = 86'400'000'000;
+  std::vector<AuditEntry> entries;
+  for (const std::int64_t age_days : {40, 35, 31, 29, 33, 1}) {  // the last but one by a clock that was wrong
+    entries.push_back({.time_us = Now() - age_days * kDayUs, .caller = "ana", .method = "Method", .outcome = "OK"});
+  }
+  ASSERT_TRUE(console_->Append(entries).ok());
+  Open();
+  EXPECT_EQ(Entries().size(), 6u);  // for ever, unless asked for
+  Open({.retain_audit_days = 30});
+  WaitUntil([&] { return Entries().back().method == "audit retention"; });
+  const auto left = Entries();
+  ASSERT_EQ(left.size(), 4u);
+  for (std::size_t i = 0; i < left.size(); ++i) EXPECT_EQ(left[i].number, static_cast<std::int64_t>(i) + 4);
+  EXPECT_EQ(left.back().caller, "orbituned");
+  EXPECT_EQ(left.back().resource, "auditEntries/1 to 3");
+  EXPECT_EQ(left.back().count, 3);
+  // Nothing but this removes any, now as before; and nothing goes twice.
+  EXPECT_EQ(Execute("DELETE FROM audit_log"), "the audit log is append-only");
+  Open({.retain_audit_days = 30});
+  access_->Audit(LocalCaller("192.0.2.1"), "Method", "");
+  EXPECT_EQ(Entries().size(), 5u);
+}
+
+TEST_F(AccessTest, OldAuditEntriesGoAFewAtATime) {
+  ASSERT_TRUE(console_->Append(std::vector<AuditEntry>(10, {.time_us = 1})).ok());
+  EXPECT_EQ(*console_->RemoveOldestAudit(2, 4, 100), 4);
+  EXPECT_EQ(*console_->RemoveOldestAudit(1, 4, 100), 0);
+  EXPECT_EQ(*console_->RemoveOldestAudit(2, 100, 100), 6);
+  EXPECT_EQ(*console_->RemoveOldestAudit(2, 100, 100), 0);
+  const auto left = Entries();
+  ASSERT_EQ(left.size(), 2u);
+  EXPECT_EQ(left[0].resource, "auditEntries/1 to 4");
+  EXPECT_EQ(left[1].resource, "auditEntries/5 to 10");
 }
 
 TEST_F(AccessTest, TheAuditLogIsAppendOnlyAndTokensStayRevoked) {

@@ -453,7 +453,8 @@ def slow_clients(server, api, canary):
             address = server.http if i % 2 else server.grpc
             host, port = address.rsplit(":", 1)
             connection = socket.create_connection((host, int(port)), timeout=PATIENCE_S)
-            connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n{" if i % 4 == 1
+            connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+                               b"Content-Length: 100000\r\n\r\n{" if i % 4 == 1
                                else b"GET / HTTP/1.1\r\nX-A: " if i % 2 else b"PRI * HTTP/2.0\r\n")
             half.append(connection)
         for _ in range(20):

@@ -90,6 +90,16 @@ TEST_F(LoadProcessTest, ConnectionsAreBoundedToo) {
   EXPECT_EQ(one.Get("/healthz").code, 200);
 }
 
+TEST_F(LoadProcessTest, AClientsConnectionsAreBoundedToo) {
+  const auto server = Start({"--http-max-connections-per-client", "1"});
+  HttpClient one(server->http_address());
+  EXPECT_EQ(one.Get("/healthz").code, 200);
+  HttpClient two(server->http_address());
+  ExpectRefused(two.ReadReply(), "http-max-connections-per-client", "1");
+  HttpClient other(server->http_address(), 0, "127.0.0.2");
+  EXPECT_EQ(other.Get("/healthz").code, 200);
+}
+
 TEST_F(LoadProcessTest, HelpTellsEveryBound) {
   Process help(directory_.File("help"), ServerCommand({"--help"}));
   EXPECT_EQ(help.Wait(), 0);
@@ -110,6 +120,7 @@ TEST_F(LoadProcessTest, HelpTellsEveryBound) {
                              "max-streams-per-connection",
                              "grpc-memory-mib",
                              "http-max-connections",
+                             "http-max-connections-per-client",
                              "http-max-body-bytes",
                              "log-format",
                              "log-level",

@@ -393,6 +393,7 @@ TEST_F(ProcessTest, WrongUsageIsExitStatus2) {
       {{"--http", "nowhere"}, "HOST:PORT"},
       {{"--http-cors-origin", "example.org"}, "SCHEME://HOST"},
       {{"--http-max-connections", "0"}, "--http-max-connections"},
+      {{"--retain-audit-days", "0.5"}, "--retain-audit-days"},
       {{"--config", File("none.toml")}, "none.toml"},
       {{"--data-dir"}, "--data-dir"}};
   for (const auto& [arguments, expected] : cases) {

@@ -12,15 +12,28 @@
 
 namespace orbitune::server_test {
 
-HttpClient::HttpClient(const std::string& address, int receive_buffer) {
+namespace {
+
+sockaddr_in SocketAddress(const std::string& host, const std::string& port) {
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(static_cast<std::uint16_t>(std::stoi(port)));
+  inet_pton(AF_INET, host.c_str(), &address.sin_addr);
+  return address;
+}
+
+}  // namespace
+
+HttpClient::HttpClient(const std::string& address, int receive_buffer, const std::string& from) {
   const std::size_t colon = address.rfind(':');
-  sockaddr_in to{};
-  to.sin_family = AF_INET;
-  to.sin_port = htons(static_cast<std::uint16_t>(std::stoi(address.substr(colon + 1))));
-  inet_pton(AF_INET, address.substr(0, colon).c_str(), &to.sin_addr);
+  const sockaddr_in to = SocketAddress(address.substr(0, colon), address.substr(colon + 1));
   socket_ = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
   if (receive_buffer > 0) setsockopt(socket_, SOL_SOCKET, SO_RCVBUF, &receive_buffer, sizeof receive_buffer);
-  EXPECT_EQ(connect(socket_, reinterpret_cast<sockaddr*>(&to), sizeof to), 0) << address;
+  if (!from.empty()) {
+    const sockaddr_in own = SocketAddress(from, "0");
+    EXPECT_EQ(bind(socket_, reinterpret_cast<const sockaddr*>(&own), sizeof own), 0) << from;
+  }
+  EXPECT_EQ(connect(socket_, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0) << address;
 }
 
 HttpClient::~HttpClient() { close(socket_); }

@@ -12,8 +12,8 @@ namespace orbitune::server_test {
 // A connection. Everything waits; nothing is retried.
 class HttpClient {
  public:
-  // receive_buffer: of the socket, in bytes; 0: the system's.
-  explicit HttpClient(const std::string& address, int receive_buffer = 0);
+  // receive_buffer: of the socket, in bytes; 0: the system's. from: the client's own IP address; empty: the system's.
+  explicit HttpClient(const std::string& address, int receive_buffer = 0, const std::string& from = "");
   ~HttpClient();
   HttpClient(const HttpClient&) = delete;
   HttpClient& operator=(const HttpClient&) = delete;

@@ -493,7 +493,8 @@ TEST_F(RestTest, WhatIsNoHttpIsRefusedAndHarmsNobody) {
       "POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999999999999999999999\r\n\r\n",
       "POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\nContent-Length: 3\r\n\r\n{}x",
       "POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\nContent-Length: 2\r\n\r\n{}",
-      "POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n",
+      "POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+      "Transfer-Encoding: chunked\r\n\r\nzz\r\n",
       "\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + std::string(200, '\x5a'),  // TLS
       "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n",
       std::string(100, '\0') + "\r\n\r\n",
@@ -542,7 +543,8 @@ TEST_F(RestTest, WhoIsSlowIsCutOff) {
   HttpClient silent(http_->address());
   HttpClient loris(http_->address());
   HttpClient body(http_->address());
-  body.Send("POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 10\r\n\r\n{");
+  body.Send(
+      "POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 10\r\n\r\n{");
   loris.Send("GET / HTTP/1.1\r\n");
   bool cut_off = false;
   for (int i = 0; i < 1000 && !cut_off; ++i) {  // never silent, and never done
@@ -568,7 +570,10 @@ TEST_F(RestTest, ConnectionsAndBodiesAreLimited) {
   {
     HttpClient large(http_->address());
     const std::string body(2 << 20, ' ');
-    large.Send("POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 8000000\r\n\r\n" + body);
+    large.Send(
+        "POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+        "Content-Length: 8000000\r\n\r\n" +
+        body);
     EXPECT_EQ(ErrorOf(large.ReadReply()).at("code"), 429);
     EXPECT_TRUE(large.Closes());
   }
@@ -589,6 +594,30 @@ TEST_F(RestTest, ConnectionsAndBodiesAreLimited) {
     EXPECT_TRUE(serves(*one));
     EXPECT_TRUE(serves(*two));
   }
+}
+
+TEST_F(RestTest, NoClientTakesAllConnections) {
+  http_.reset();
+  Start({.max_connections = 5, .max_connections_per_client = 2});
+  const auto connect = [&](const std::string& from) { return std::make_unique<HttpClient>(http_->address(), 0, from); };
+  const auto serves = [](HttpClient& client) { return client.Get("/healthz").code == 200; };
+  auto one = connect("127.0.0.1");
+  const auto two = connect("127.0.0.1");
+  EXPECT_TRUE(serves(*one) && serves(*two));
+  const auto three = connect("127.0.0.1");
+  const Reply refused = three->ReadReply();
+  EXPECT_EQ(ErrorOf(refused).at("code"), 429);
+  EXPECT_THAT(refused.body, HasSubstr("http-max-connections-per-client"));
+  EXPECT_EQ(refused.headers.at("retry-after"), "1");
+  EXPECT_TRUE(three->Closes());
+  const auto other = connect("127.0.0.2");
+  EXPECT_TRUE(serves(*other));
+  // What it closes it may open again; the server takes a moment to notice.
+  one.reset();
+  for (auto again = connect("127.0.0.1"); !serves(*again); again = connect("127.0.0.1")) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  EXPECT_TRUE(serves(*two) && serves(*other));
 }
 
 TEST_F(RestTest, RequestsInALineAndOldOnes) {

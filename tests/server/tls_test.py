@@ -215,6 +215,17 @@ def check_cookie(server, directory, ca):
     assert token not in server.text()
 
 
+def check_refusal(server, ca):
+    """Who sends a body before reading that it is refused can read it still."""
+    with socket.create_connection(("localhost", server.ports["http"]), timeout=PATIENCE_S) as plain:
+        with context(ca).wrap_socket(plain, server_hostname="localhost") as secure:
+            secure.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+                           b"Content-Length: 4194304\r\n\r\n")
+            for _ in range(64):
+                secure.sendall(bytes(65536))
+            assert secure.recv(12) == b"HTTP/1.1 401"
+
+
 def check_faults(directory, authority, served):
     """Files that cannot be used are refused at the start, by option and name."""
     other_key = authority.issue("other")[1]
@@ -237,6 +248,7 @@ def main():
         check_versions_and_ciphers(server, authority.ca)
         check_reload(server, directory, authority, served)
         check_cookie(server, directory, authority.ca)
+        check_refusal(server, authority.ca)
         server.stop()
 
 

@@ -1,0 +1,32 @@
+#include "server/access/credentials.h"
+
+#include <algorithm>
+
+namespace orbitune {
+namespace {
+
+constexpr std::size_t kLongestRequestId = 64;
+
+char Lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : c; }
+
+std::string_view Trim(std::string_view text) {
+  const std::size_t begin = std::min(text.find_first_not_of(" \t"), text.size());
+  return text.substr(begin, text.find_last_not_of(" \t") + 1 - begin);
+}
+
+}  // namespace
+
+std::string_view BearerToken(std::string_view authorization) {
+  constexpr std::string_view kScheme = "bearer ";
+  authorization = Trim(authorization);
+  const bool is_bearer = std::ranges::equal(authorization.substr(0, kScheme.size()), kScheme, {}, Lower);
+  return is_bearer ? Trim(authorization.substr(kScheme.size())) : authorization;
+}
+
+std::string_view UsableRequestId(std::string_view id) {
+  const bool usable =
+      id.size() <= kLongestRequestId && std::ranges::all_of(id, [](char c) { return c > ' ' && c <= '~'; });
+  return usable ? id : std::string_view();
+}
+
+}  // namespace orbitune
