@@ -27,7 +27,7 @@ namespace {
 using google::protobuf::FieldDescriptor;
 
 // What a column reads and writes. What the server finds out anew at an import is only written.
-struct Column {
+struct GainSetColumn {
   std::string name;
   std::function<std::string(const v1::GainSet&)> write;
   std::function<absl::Status(const std::string&, v1::GainSet*)> read;
@@ -36,7 +36,7 @@ struct Column {
 absl::Status Ignore(const std::string&, v1::GainSet*) { return absl::OkStatus(); }
 
 template <typename Get, typename Set>
-Column Text(const char* name, Get get, Set set) {
+GainSetColumn Text(const char* name, Get get, Set set) {
   return {name, [get](const v1::GainSet& s) { return Printable(get(s)); },
           [set](const std::string& text, v1::GainSet* s) {
             set(s, text);
@@ -45,7 +45,7 @@ Column Text(const char* name, Get get, Set set) {
 }
 
 template <typename T, typename Get, typename Set>
-Column Number(const char* name, Get get, Set set) {
+GainSetColumn Number(const char* name, Get get, Set set) {
   return {name,
           [get](const v1::GainSet& s) {
             if constexpr (std::is_floating_point_v<T>) {
@@ -62,7 +62,7 @@ Column Number(const char* name, Get get, Set set) {
           }};
 }
 
-Column Written(const char* name, std::function<std::string(const v1::GainSet&)> write) {
+GainSetColumn Written(const char* name, std::function<std::string(const v1::GainSet&)> write) {
   return {name, std::move(write), Ignore};
 }
 
@@ -81,7 +81,7 @@ std::string StateText(const v1::OrbitState& state) {
   return absl::StrJoin(pairs, ",");
 }
 
-Column InitialConditionColumn() {
+GainSetColumn InitialConditionColumn() {
   return {"initial_condition", [](const v1::GainSet& s) { return StateText(s.initial_condition()); },
           [](const std::string& text, v1::GainSet* s) {
             if (text.empty()) return absl::OkStatus();
@@ -99,8 +99,8 @@ Column InitialConditionColumn() {
       #name, [](const v1::GainSet& s) { return s.field(); }, \
       [](v1::GainSet* s, const std::string& t) { s->set_##field(t); })
 
-std::vector<Column> MakeColumns() {
-  std::vector<Column> columns = {
+std::vector<GainSetColumn> MakeColumns() {
+  std::vector<GainSetColumn> columns = {
       ORBITUNE_TEXT(name, name),
       Written("kind",
               [](const v1::GainSet& s) {
@@ -157,8 +157,8 @@ std::vector<Column> MakeColumns() {
 
 constexpr char kChecksum[] = "crc32";
 
-const std::vector<Column>& Columns() {
-  static const auto* const columns = new std::vector<Column>(MakeColumns());
+const std::vector<GainSetColumn>& Columns() {
+  static const auto* const columns = new std::vector<GainSetColumn>(MakeColumns());
   return *columns;
 }
 
@@ -173,7 +173,7 @@ std::string Hex(std::uint32_t crc) { return absl::StrFormat("%08x", crc); }
 
 std::string RowWithoutChecksum(const v1::GainSet& set) {
   std::vector<std::string> cells;
-  for (const Column& column : Columns()) cells.push_back(Quoted(column.write(set)));
+  for (const GainSetColumn& column : Columns()) cells.push_back(Quoted(column.write(set)));
   return absl::StrJoin(cells, ",");
 }
 
@@ -207,16 +207,16 @@ absl::Status CheckChecksum(const std::string& where, const std::string& given, c
 }
 
 // The columns that the first line names; nullptr for the checksum.
-absl::StatusOr<std::vector<const Column*>> ReadHeader(const std::string& where, const std::string& line) {
+absl::StatusOr<std::vector<const GainSetColumn*>> ReadHeader(const std::string& where, const std::string& line) {
   const auto names = SplitRow(line);
   if (!names.ok()) return At(where, std::string(names.status().message()));
-  std::vector<const Column*> columns;
+  std::vector<const GainSetColumn*> columns;
   for (std::size_t i = 0; i < names->size(); ++i) {
     const std::string& name = (*names)[i];
     if (std::count(names->begin(), names->end(), name) > 1)
       return At(where, "column " + Printable(name) + " comes twice");
     const auto found =
-        std::find_if(Columns().begin(), Columns().end(), [&](const Column& c) { return c.name == name; });
+        std::find_if(Columns().begin(), Columns().end(), [&](const GainSetColumn& c) { return c.name == name; });
     const bool checksum = name == kChecksum && i + 1 == names->size();
     if (found == Columns().end() && !checksum) {
       return At(where,
@@ -234,7 +234,7 @@ absl::StatusOr<std::vector<const Column*>> ReadHeader(const std::string& where, 
 }
 
 absl::StatusOr<v1::GainSet> ReadRow(const std::string& where, const std::string& line,
-                                    const std::vector<const Column*>& columns) {
+                                    const std::vector<const GainSetColumn*>& columns) {
   const auto cells = SplitRow(line);
   if (!cells.ok()) return At(where, std::string(cells.status().message()));
   if (cells->size() != columns.size()) {
@@ -255,7 +255,7 @@ absl::StatusOr<v1::GainSet> ReadRow(const std::string& where, const std::string&
 
 absl::StatusOr<std::vector<ReadGainSet>> ReadCsv(const std::string& path, const std::string& text) {
   std::vector<ReadGainSet> sets;
-  std::vector<const Column*> columns;
+  std::vector<const GainSetColumn*> columns;
   int number = 0;
   for (absl::string_view view : absl::StrSplit(text, '\n')) {
     const std::string line(absl::StripSuffix(view, "\r"));
@@ -320,7 +320,7 @@ std::uint32_t Crc32(std::string_view bytes) {
 
 std::string GainSetCsvHeader() {
   std::vector<std::string> names;
-  for (const Column& column : Columns()) names.push_back(column.name);
+  for (const GainSetColumn& column : Columns()) names.push_back(column.name);
   names.emplace_back(kChecksum);
   return absl::StrJoin(names, ",");
 }

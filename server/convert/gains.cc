@@ -4,6 +4,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/convert/job.h"
+#include "server/convert/number.h"
 
 namespace orbitune {
 namespace {
@@ -46,9 +47,6 @@ void ToProto(const ErrorState& x, v1::ErrorCoordinates* out) {
   out->set_x5(x.x5);
   out->set_x6(x.x6);
 }
-
-// A value an episode does not have is left at its default: the outcome tells.
-double OrZero(double value) { return std::isnan(value) ? 0 : value; }
 
 void ToProto(const Flight& flight, v1::Flight* out) {
   out->set_outcome(orbitune::ToProto(flight.outcome));

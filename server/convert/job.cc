@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "absl/strings/str_cat.h"
+#include "server/convert/number.h"
 #include "server/convert/provenance.h"
 
 namespace orbitune {
@@ -28,9 +29,6 @@ v1::WarningKind ToProto(WarningKind kind) {
   }
   return v1::WARNING_KIND_UNSPECIFIED;
 }
-
-// A value an episode does not have is left at its default: the outcome tells.
-double OrZero(double value) { return std::isnan(value) ? 0 : value; }
 
 double ReductionPercent(double before, double after) {
   return before > 0 && !std::isnan(after) ? 100 * (1 - after / before) : 0;

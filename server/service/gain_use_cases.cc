@@ -20,7 +20,6 @@
 namespace orbitune {
 namespace {
 
-constexpr std::size_t kLongestName = 256;
 // Faults named in one answer, of as many gain sets.
 constexpr std::size_t kMostFaults = 20;
 

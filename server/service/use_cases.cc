@@ -19,7 +19,6 @@ namespace orbitune {
 namespace {
 
 constexpr std::chrono::milliseconds kBetweenLooks(200);  // at the disk, while a caller waits for it
-constexpr std::size_t kLongestName = 256;
 constexpr std::size_t kLongestDescription = 4096;
 constexpr std::size_t kLongestId = 64;
 constexpr std::size_t kMostLabels = 64;

@@ -11,6 +11,8 @@
 
 namespace orbitune {
 
+constexpr std::size_t kLongestName = 256;  // of what a user names, in bytes
+
 // Where a scenario comes from: exactly one of the two.
 struct ScenarioChoice {
   std::string preset_id;  // without "scenarios/"

@@ -303,7 +303,7 @@ TEST_F(AccessApiTest, ATokenRevokedWhileTheBodyComesCountsNoMore) {
   client.Send(HeadOf("POST", "/v1/jobs",
                      Bearer(ana_) + "Expect: 100-continue\r\nContent-Length: " + std::to_string(body.size()) + "\r\n"));
   EXPECT_EQ(client.ReadHead().code, 100);
-  ASSERT_TRUE(console_->RevokeTokens("ana", Now()).ok());
+  ASSERT_TRUE(console_->RevokeTokens("ana", NowUs()).ok());
   for (int i = 0; i < 6000 && Http("GET", "/v1/caller", Bearer(ana_)).code != 401; ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
@@ -473,7 +473,7 @@ TEST_F(AccessApiTest, StreamsEndWithTheSessionThatOpenedThem) {
   EXPECT_EQ(HttpClient(http_->address()).Get(target, cookie).code, 401);
   EXPECT_EQ(Http("GET", "/v1/caller", other_cookie).code, 200);
   // Those that are left end with the token, and so does its session.
-  ASSERT_TRUE(console_->RevokeTokens("ana", Now()).ok());
+  ASSERT_TRUE(console_->RevokeTokens("ana", NowUs()).ok());
   ExpectLastWord(of_the_token, "TOKEN_REVOKED");
   ExpectLastWord(of_the_other, "TOKEN_REVOKED");
 }
@@ -482,7 +482,7 @@ TEST_F(AccessApiTest, AStreamEndsWhenItsTokenExpires) {
   const std::string job = CreateJobAs("ana");
   bool opened = false;
   for (std::int64_t time_s = 1; !opened; time_s *= 2) {  // long enough to open a stream with
-    const std::string brief = AddToken("brief", Role::kViewer, Now() + time_s * 1'000'000);
+    const std::string brief = AddToken("brief", Role::kViewer, NowUs() + time_s * 1'000'000);
     while (absl::StrContains(Http("GET", "/v1/caller", Bearer(brief)).body, "TOKEN_INVALID")) {  // not noticed yet
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }

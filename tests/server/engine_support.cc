@@ -51,6 +51,13 @@ Scenario SmallScenario(int iterations) {
   return s;
 }
 
+Scenario SmallWith(Algorithm algorithm, int iterations) {
+  Scenario s = SmallScenario(iterations);
+  s.search.algorithm = algorithm;
+  s.search.cma_es = {.population = 6, .initial_sigma = 0.5, .restarts = 2};
+  return s;
+}
+
 Scenario EndlessScenario() { return SmallScenario(SearchOptions::kMaxIterations); }
 
 Scenario EdgeScenario(int iterations) {
@@ -124,11 +131,13 @@ void Engine::Start() {
   EXPECT_TRUE(status.ok()) << status;
 }
 
-std::string Engine::Create(const Scenario& scenario) {
-  const auto job = use_cases_.CreateJob(JobOf(scenario), "", false);
-  EXPECT_TRUE(job.ok()) << job.status();
-  return job.ok() ? job->id : "";
+std::string Engine::Create(const NewJob& job) {
+  const auto created = use_cases_.CreateJob(job, "", false);
+  EXPECT_TRUE(created.ok()) << created.status();
+  return created.ok() ? created->id : "";
 }
+
+std::string Engine::Create(const Scenario& scenario) { return Create(JobOf(scenario)); }
 
 JobRecord Engine::Get(const std::string& id) {
   auto job = use_cases_.GetJob(id);

@@ -29,6 +29,7 @@ class TemporaryDirectory {
 
 // A rendezvous over a short horizon at a loose tolerance: an iteration takes about a millisecond.
 Scenario SmallScenario(int iterations = 40);
+Scenario SmallWith(Algorithm algorithm, int iterations = 40);
 // So many iterations that a test is over before them.
 Scenario EndlessScenario();
 // On the edge of the domain: some pairs of episodes leave it, and some do not.
@@ -62,6 +63,7 @@ class Engine {
 
   // Each fails the test where the answer is an error.
   void Start();
+  std::string Create(const NewJob& job);
   std::string Create(const Scenario& scenario);
   JobRecord Get(const std::string& id);
   std::vector<IterationRecord> History(const std::string& id);

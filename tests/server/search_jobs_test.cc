@@ -16,13 +16,6 @@ namespace {
 
 using ::testing::HasSubstr;
 
-Scenario SmallWith(Algorithm algorithm, int iterations = 40) {
-  Scenario scenario = SmallScenario(iterations);
-  scenario.search.algorithm = algorithm;
-  scenario.search.cma_es = {.population = 6, .initial_sigma = 0.5, .restarts = 2};
-  return scenario;
-}
-
 // Chasers about the scenario's own.
 std::vector<OrbitState> Neighbours(int count) {
   const auto states =
@@ -55,12 +48,6 @@ std::vector<IterationRecord> PlainHistoryOf(const JobSpec& spec) {
   return history;
 }
 
-std::string Submit(Engine& engine, const NewJob& job) {
-  const auto created = engine.use_cases().CreateJob(job, "", false);
-  EXPECT_TRUE(created.ok()) << created.status();
-  return created->id;
-}
-
 class SearchJobsTest : public ::testing::Test {
  protected:
   std::string NewDatabase() { return directory_.File(std::to_string(++databases_) + ".db"); }
@@ -75,7 +62,7 @@ TEST_F(SearchJobsTest, TheNumberOfThreadsDoesNotShow) {
                             RobustJob(Algorithm::kArs), RobustJob(Algorithm::kCmaEs)}) {
     for (const int threads : {1, 3}) {
       Engine engine(NewDatabase(), {.threads = threads});
-      const std::string id = Submit(engine, job);
+      const std::string id = engine.Create(job);
       const JobRecord ended = engine.WaitForEnd(id);
       ASSERT_EQ(ended.state, JobState::kSucceeded) << ended.error_message;
       ExpectSameHistory(engine.History(id), PlainHistoryOf(ended.spec));
@@ -93,7 +80,7 @@ TEST_F(SearchJobsTest, ABrokenRunEndsAsAnUnbrokenOne) {
     std::string id;
     {
       Engine engine(database, {.threads = 1});
-      id = Submit(engine, job);
+      id = engine.Create(job);
       engine.WaitForIterations(id, 2);
     }
     for (int completed = 4; completed < 12; completed += 3) {
@@ -130,11 +117,11 @@ TEST_F(SearchJobsTest, BudgetAndPlateauEndAJobThatSucceeds) {
   Engine engine(NewDatabase());
   NewJob job = JobOf(SmallWith(Algorithm::kCmaEs, 1000));
   job.search.max_episodes = 100;
-  EXPECT_EQ(engine.WaitForEnd(Submit(engine, job)).report->episodes, 1 + 16 * 6);
+  EXPECT_EQ(engine.WaitForEnd(engine.Create(job)).report->episodes, 1 + 16 * 6);
   job = JobOf(SmallScenario(1000));
   job.search.plateau_iterations = 3;
   job.search.plateau_min_improvement = 0.9;
-  const JobRecord ended = engine.WaitForEnd(Submit(engine, job));
+  const JobRecord ended = engine.WaitForEnd(engine.Create(job));
   EXPECT_EQ(ended.state, JobState::kSucceeded);
   EXPECT_EQ(ended.completed_iterations(), 4);
 }
@@ -151,7 +138,7 @@ TEST_F(SearchJobsTest, OtherAlgorithmsHaveABudgetOfTheirOwn) {
 
 TEST_F(SearchJobsTest, TheReportOfARobustJobIsOverItsInitialConditions) {
   Engine engine(NewDatabase());
-  const JobRecord ended = engine.WaitForEnd(Submit(engine, RobustJob(Algorithm::kCmaEs)));
+  const JobRecord ended = engine.WaitForEnd(engine.Create(RobustJob(Algorithm::kCmaEs)));
   ASSERT_EQ(ended.state, JobState::kSucceeded) << ended.error_message;
   const GainsAssessment& best = ended.report->best;
   ASSERT_TRUE(best.ensemble);
@@ -187,7 +174,7 @@ TEST_F(SearchJobsTest, AnInitialConditionThatLeavesTheDomainUnderEveryGainFailsT
   NewJob job;
   job.scenario.preset_id = "gto-geo";
   job.initial_conditions = {FindPreset("gto-geo")->chaser, FindPreset("gto-geo-printed")->chaser};
-  const JobRecord ended = engine.WaitForEnd(Submit(engine, job));
+  const JobRecord ended = engine.WaitForEnd(engine.Create(job));
   EXPECT_EQ(ended.state, JobState::kFailed);
   EXPECT_THAT(ended.error_message, HasSubstr("from initial condition 1, left the domain"));
 }

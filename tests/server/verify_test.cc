@@ -19,24 +19,11 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-Scenario SmallWith(Algorithm algorithm, int iterations) {
-  Scenario scenario = SmallScenario(iterations);
-  scenario.search.algorithm = algorithm;
-  scenario.search.cma_es = {.population = 6, .initial_sigma = 0.5, .restarts = 2};
-  return scenario;
-}
-
 NewJob RobustJob(bool relative) {
   NewJob job = JobOf(SmallWith(Algorithm::kArs, 8));
   job.initial_conditions = *DrawMany(FindPreset("leo-rendezvous")->neighbourhood, 5, DrawSet::kTuning, 0, 3);
   job.objective = {.aggregate = Aggregate::kWorst, .relative_to_initial = relative};
   return job;
-}
-
-std::string Submit(Engine& engine, const NewJob& job) {
-  const auto created = engine.use_cases().CreateJob(job, "", false);
-  EXPECT_TRUE(created.ok()) << created.status();
-  return created.ok() ? created->id : "";
 }
 
 Verification Verify(Engine& engine, const std::string& id, VerifyRange range = {}) {
@@ -59,7 +46,7 @@ class VerifyTest : public ::testing::Test {
   // A job that has ended, its server gone.
   std::string Run(const NewJob& job) {
     Engine engine(Database());
-    const std::string id = Submit(engine, job);
+    const std::string id = engine.Create(job);
     const JobRecord ended = engine.WaitForEnd(id);
     EXPECT_EQ(ended.state, JobState::kSucceeded) << ended.error_message;
     digest_ = ended.provenance->digest;
@@ -92,7 +79,7 @@ TEST_F(VerifyTest, EveryAlgorithmsHistoryIsIdentical) {
   for (const NewJob& job :
        {JobOf(SmallScenario(12)), JobOf(SmallWith(Algorithm::kCmaEs, 12)), JobOf(SmallWith(Algorithm::kNelderMead, 12)),
         RobustJob(false), RobustJob(true), JobOf(plateau), JobOf(EdgeScenario(6))}) {
-    const std::string id = Submit(engine, job);
+    const std::string id = engine.Create(job);
     const JobRecord ended = engine.WaitForEnd(id);
     ASSERT_EQ(ended.state, JobState::kSucceeded) << ended.error_message;
     const Verification result = Verify(engine, id);
@@ -113,7 +100,7 @@ TEST_F(VerifyTest, ARangeStartsWhereTheSearchCan) {
   plateau.search.plateau_stop.iterations = 100;
   Engine engine(Database());
   const auto first_of = [&](const NewJob& job, VerifyRange range) {
-    const std::string id = Submit(engine, job);
+    const std::string id = engine.Create(job);
     engine.WaitForEnd(id);
     const Verification result = Verify(engine, id, range);
     EXPECT_EQ(result.verdict, Verdict::kIdentical) << result.conclusion;

@@ -160,7 +160,7 @@ const sqlite3_io_methods* WithFaults(const sqlite3_io_methods* real) {
   std::abort();
 }
 
-int Open(sqlite3_vfs*, const char* name, sqlite3_file* file, int flags, int* flags_out) {
+int OpenFile(sqlite3_vfs*, const char* name, sqlite3_file* file, int flags, int* flags_out) {
   const bool creates = name != nullptr && (flags & SQLITE_OPEN_CREATE) && access(name, F_OK) != 0;
   file->pMethods = nullptr;
   int result = creates ? Try(Call::kCreate) : SQLITE_OK;
@@ -169,7 +169,7 @@ int Open(sqlite3_vfs*, const char* name, sqlite3_file* file, int flags, int* fla
   return result;
 }
 
-int Delete(sqlite3_vfs*, const char* name, int sync_directory) {
+int DeleteFile(sqlite3_vfs*, const char* name, int sync_directory) {
   const int result = access(name, F_OK) == 0 ? Try(Call::kDelete) : SQLITE_OK;
   return result == SQLITE_OK ? real_vfs->xDelete(real_vfs, name, sync_directory) : result;
 }
@@ -182,8 +182,8 @@ FaultyDisk::FaultyDisk() {
   faulty_vfs = *real_vfs;
   faulty_vfs.zName = "faulty";
   faulty_vfs.pNext = nullptr;
-  faulty_vfs.xOpen = Open;
-  faulty_vfs.xDelete = Delete;
+  faulty_vfs.xOpen = OpenFile;
+  faulty_vfs.xDelete = DeleteFile;
   sqlite3_vfs_register(&faulty_vfs, /*makeDflt=*/1);
 }
 
