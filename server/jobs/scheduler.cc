@@ -68,7 +68,14 @@ Scheduler::Scheduler(JobStore& store, EventHub& hub, Options options) : store_(s
   ORBITUNE_CHECK(options.threads > 0 && options.max_running_jobs > 0 && options.max_uncommitted_iterations > 0);
 }
 
-Scheduler::~Scheduler() { Stop(); }
+Scheduler::~Scheduler() {
+  Stop();
+  // Jobs and their clients hold each other.
+  for (const auto& [name, client] : clients_) {
+    client->running.clear();
+    client->waiting.clear();
+  }
+}
 
 absl::Status Scheduler::Start() {
   auto unfinished = store_.ListUnfinishedJobs();

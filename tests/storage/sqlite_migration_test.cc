@@ -2,8 +2,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <fstream>
 #include <sstream>
+#include <thread>
 
 #include "absl/strings/str_cat.h"
 #include "storage/serialise.h"
@@ -115,10 +117,12 @@ TEST_P(SqliteMigration, IsSoundAndHasABackupBeside) {
   }
   EXPECT_EQ(QueryInt(backups[0], "PRAGMA user_version"), GetParam());
   EXPECT_EQ(QueryInt(Database(), "PRAGMA user_version"), static_cast<std::int64_t>(Migrations().size()));
-  // What was deleted goes at last.
-  for (int i = 0; i < 1000 && QueryInt(Database(), "SELECT count(*) FROM deleted_jobs") > 0; ++i) {
-    OpenStore(Database()).reset();
+  // What was deleted goes at last, while the store has nothing else to do.
+  auto store = OpenStore(Database());
+  for (int i = 0; i < 6000 && QueryInt(Database(), "SELECT count(*) FROM deleted_jobs") > 0; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
+  store.reset();
   EXPECT_EQ(QueryInt(Database(), "SELECT count(*) FROM iterations WHERE job NOT IN (SELECT key FROM jobs)"), 0);
   // Nothing is left to do, and so there is no second backup.
   EXPECT_THAT(MigrationBackupsBeside(Database()), SizeIs(1));
