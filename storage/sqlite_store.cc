@@ -130,7 +130,8 @@ void SqliteStore::AppendIteration(const std::string& id, std::int64_t seq, const
                                   Continuation continuation, Done done) {
   writer_.Queue({.apply = [id, seq, record, continuation = std::move(continuation)](
                               JobTables& tables) { return tables.AppendIteration(id, seq, record, continuation); },
-                 .answer = std::move(done)});
+                 .answer = std::move(done),
+                 .can_wait = true});
 }
 
 void SqliteStore::ChangeState(const std::string& id, std::int64_t seq, StateChange change, Done done) {

@@ -11,6 +11,9 @@ namespace {
 
 constexpr std::size_t kLargestGroup = 1024;
 constexpr std::chrono::milliseconds kLongestPause{2000};
+// From one group to the next where they are gathered, unless there are enough for a commit before.
+constexpr std::chrono::milliseconds kGathering{8};
+constexpr std::size_t kEnough = 128;
 
 // A status of its own for each (see SqliteWriter::Operation::answer).
 std::vector<absl::Status> GiveUp(std::size_t operations, const absl::Status& trouble) {
@@ -39,16 +42,21 @@ SqliteWriter::~SqliteWriter() {
 }
 
 void SqliteWriter::Queue(Operation operation) {
+  bool news = false;
   {
     const std::lock_guard lock(mutex_);
+    pressing_ = pressing_ || !operation.can_wait;
+    news = !operation.can_wait || queue_.empty() || queue_.size() + 1 == kEnough;
     queue_.push_back(std::move(operation));
     ++queued_count_;
   }
-  work_.notify_one();
+  if (news) work_.notify_one();
 }
 
 void SqliteWriter::Flush() {
   std::unique_lock lock(mutex_);
+  pressing_ = !queue_.empty();
+  work_.notify_one();
   answered_.wait(lock, [this, all = queued_count_] { return answered_count_ >= all; });
 }
 
@@ -90,6 +98,12 @@ void SqliteWriter::Run() {
   }
 }
 
+void SqliteWriter::Gather(std::unique_lock<std::mutex>& lock) {
+  if (last_group_ < 2) return;  // whoever queued it may wait for it before the next
+  work_.wait_until(lock, last_taken_ + kGathering,
+                   [this] { return pressing_ || stopping_ || queue_.size() >= kEnough; });
+}
+
 bool SqliteWriter::TakeGroup(std::vector<Operation>& group) {
   group.clear();
   std::unique_lock lock(mutex_);
@@ -100,10 +114,14 @@ bool SqliteWriter::TakeGroup(std::vector<Operation>& group) {
     work_.wait_for(lock, kLongestPause, wanted);
   }
   if (stopping_ && queue_.empty()) return false;
+  if (!queue_.empty()) Gather(lock);
   while (!queue_.empty() && group.size() < kLargestGroup) {
     group.push_back(std::move(queue_.front()));
     queue_.pop_front();
   }
+  pressing_ = pressing_ && !queue_.empty();
+  last_group_ = group.size();
+  last_taken_ = std::chrono::steady_clock::now();
   return true;
 }
 

@@ -1,5 +1,8 @@
 // The one writer: a thread that has the writing connection to itself, takes what is queued, runs it in one transaction,
 // commits, and only then answers. While the disk fails it tries again; nothing is answered OK that is not on disk.
+//
+// A commit costs a flush of the disk and, with the kernel's part, more processor time than what is in it. So where
+// operations come in numbers that nobody waits for one by one, they are gathered for some milliseconds.
 #pragma once
 
 #include <chrono>
@@ -31,6 +34,8 @@ class SqliteWriter {
     // Somebody waits who can ask again: while the disk fails it is not tried again, but answered UNAVAILABLE at once,
     // ahead of what was queued before it.
     bool refusable = false;
+    // It may be gathered with others.
+    bool can_wait = false;
   };
 
   // connection outlives this and is used by nobody else meanwhile. first_pause: before a failed commit is tried again;
@@ -52,6 +57,8 @@ class SqliteWriter {
 
  private:
   void Run();
+  // Waits until what is queued is worth a commit, or does not wait for others. mutex_ held.
+  void Gather(std::unique_lock<std::mutex>& lock);
   // Waits for work; false: the writer ends, and nothing is queued. Empty: nothing is queued, but leftovers are there.
   bool TakeGroup(std::vector<Operation>& group);
   // One result for each operation; one that was refused meanwhile has no answer any more.
@@ -77,6 +84,8 @@ class SqliteWriter {
   bool leftovers_ = true;       // perhaps
   bool leftovers_hit_ = false;  // by an error, and had better wait
   bool gave_up_ = false;        // the disk failed while the writer was ending
+  std::size_t last_group_ = 0;  // its size
+  std::chrono::steady_clock::time_point last_taken_;
 
   mutable std::mutex mutex_;
   std::condition_variable work_;      // queue_ or stopping_ changed
@@ -85,6 +94,7 @@ class SqliteWriter {
   std::deque<Operation> queue_;
   std::uint64_t queued_count_ = 0;
   std::uint64_t answered_count_ = 0;
+  bool pressing_ = false;  // something that is queued cannot wait
   bool stopping_ = false;
   std::string trouble_;  // why what is queued waits; empty: it does not
 

@@ -28,7 +28,8 @@ void ApplyEvent(const v1::WatchJobResponse& event, v1::Job* job) {
     case v1::WatchJobResponse::kIteration:
       if (event.iteration().iteration() == 1) *job->mutable_initial_iteration() = event.iteration();
       *job->mutable_latest_iteration() = event.iteration();
-      job->set_completed_iterations(event.iteration().iteration());
+      // An earlier one of a job that has ended is no news of how far it is.
+      if (!Ended(job->state())) job->set_completed_iterations(event.iteration().iteration());
       break;
     case v1::WatchJobResponse::kStateChange:
       ApplyStateChange(event.state_change(), job);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <numeric>
 #include <thread>
 
 #include "absl/strings/match.h"
@@ -48,6 +49,28 @@ TEST_F(SqliteStoreTest, FiveThousandIterationsTakeLittleRoom) {
   store.reset();
   EXPECT_LT((std::filesystem::file_size(Database()) - one) / 4, 700'000);
   RecordProperty("bytes_per_iteration", static_cast<int>(std::filesystem::file_size(Database()) / 25'000));
+}
+
+// The time only sets the bound, so that a slow machine has a wider one. Without gathering there are over 400.
+TEST_F(SqliteStoreTest, IterationsThatNobodyWaitsForShareCommits) {
+  StoreMetrics metrics;
+  const auto store = *OpenSqliteStore({.path = Database(), .metrics = &metrics});
+  ASSERT_TRUE(Create(*store, "a").ok());
+  const auto commits = [&] {
+    const auto counts = metrics.commit_s.Read().counts;
+    return std::accumulate(counts.begin(), counts.end(), 0.0);
+  };
+  const double before = commits();
+  const auto begun = steady_clock::now();
+  constexpr int kIterations = 500;
+  for (int i = 1; i <= kIterations; ++i) {
+    store->AppendIteration("a", i + 1, RecordOf(i), {}, [](const absl::Status& status) { EXPECT_TRUE(status.ok()); });
+    if (i > 10) std::this_thread::sleep_for(std::chrono::microseconds(200));
+  }
+  store->Flush();
+  const std::chrono::duration<double, std::milli> taken = steady_clock::now() - begun;
+  EXPECT_LE(commits() - before, taken.count() / 2 + kIterations / 128.0 + 5);
+  EXPECT_EQ(store->GetJob("a")->completed_iterations(), kIterations);
 }
 
 TEST_F(SqliteStoreTest, CanBeReadWithSqliteAlone) {
