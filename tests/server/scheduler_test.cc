@@ -33,6 +33,7 @@ class PublicationLog {
 
   // The events in their order; job by job they are `engine`'s, of which the first was not published.
   std::vector<std::pair<std::string, JobEvent>> Events(Engine& engine) {
+    engine.store().Flush();  // what is on disk is published a moment later
     subscriptions_.clear();
     std::map<std::string, std::vector<JobEvent>> events;
     std::map<std::string, std::size_t> next;
