@@ -29,6 +29,9 @@ struct Terminal {
   std::function<int()> width;
 };
 
+// To the beginning of the line, and nothing more on it.
+inline constexpr char kClearLine[] = "\r\x1b[K";
+
 // `arguments` without the program's name. Returns the exit code. SIGINT is taken over while a job is watched.
 int RunCli(const std::vector<std::string>& arguments, const Terminal& terminal);
 

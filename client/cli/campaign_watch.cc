@@ -120,7 +120,7 @@ class CampaignWatch {
   }
 
   void EraseProgress() {
-    if (std::exchange(shown_, false)) session_.out() << "\r\x1b[K" << std::flush;
+    if (std::exchange(shown_, false)) session_.out() << kClearLine << std::flush;
   }
 
   void Note(const std::string& note) {

@@ -6,7 +6,6 @@ namespace orbitune::cli {
 namespace {
 
 constexpr std::chrono::milliseconds kFrame(66);
-constexpr char kClearLine[] = "\r\x1b[K";
 
 }  // namespace
 

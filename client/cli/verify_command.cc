@@ -20,7 +20,7 @@ class ProgressOnTerminal {
  public:
   explicit ProgressOnTerminal(const Session& session) : session_(session) {}
   ~ProgressOnTerminal() {
-    if (shown_) session_.err() << "\r\x1b[K" << std::flush;
+    if (shown_) session_.err() << kClearLine << std::flush;
   }
   ProgressOnTerminal(const ProgressOnTerminal&) = delete;
   ProgressOnTerminal& operator=(const ProgressOnTerminal&) = delete;
@@ -28,8 +28,8 @@ class ProgressOnTerminal {
   void Show(const v1::VerifyProgress& progress) {
     if (!session_.terminal().width || session_.json()) return;
     shown_ = true;
-    session_.err() << "\r\x1b[Kverifying: iteration " << progress.iteration() << " of " << progress.last_iteration()
-                   << std::flush;
+    session_.err() << kClearLine << "verifying: iteration " << progress.iteration() << " of "
+                   << progress.last_iteration() << std::flush;
   }
 
  private:

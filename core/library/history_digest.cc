@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/library/orbit_elements.h"
 
 namespace orbitune {
 namespace {
@@ -53,41 +54,8 @@ class Lines {
     for (std::size_t i = 0; i < gains.size(); ++i) In(name).Add(absl::StrCat("k", i + 1).c_str(), gains[i]);
   }
 
-  void AddOrbit(const std::monostate&) const {}
-
-  void AddOrbit(const KeplerianState& s) const {
-    const Lines in = In("keplerian");
-    in.Add("semi_major_axis_km", s.semi_major_axis_km);
-    in.Add("eccentricity", s.eccentricity);
-    in.Add("inclination_deg", s.inclination_deg);
-    in.Add("raan_deg", s.raan_deg);
-    in.Add("argument_of_periapsis_deg", s.argument_of_periapsis_deg);
-    const bool anomaly = s.position == KeplerianState::Position::kTrueAnomaly;
-    in.Add(anomaly ? "true_anomaly_deg" : "true_longitude_deg", s.position_deg);
-  }
-
-  void AddOrbit(const EquinoctialState& s) const {
-    const Lines in = In("equinoctial");
-    in.Add("p_km", s.p_km);
-    in.Add("ex", s.ex);
-    in.Add("ey", s.ey);
-    in.Add("hx", s.hx);
-    in.Add("hy", s.hy);
-    in.Add("true_longitude_deg", s.true_longitude_deg);
-  }
-
-  void AddOrbit(const CartesianStateKm& s) const {
-    const Lines in = In("cartesian");
-    in.Add("x_km", s.x_km);
-    in.Add("y_km", s.y_km);
-    in.Add("z_km", s.z_km);
-    in.Add("x_dot_km_s", s.x_dot_km_s);
-    in.Add("y_dot_km_s", s.y_dot_km_s);
-    in.Add("z_dot_km_s", s.z_dot_km_s);
-  }
-
   void AddOrbit(const OrbitState& state) const {
-    std::visit([this](const auto& s) { AddOrbit(s); }, state);
+    ForEachElement(state, [this](const char* form, const char* name, double value) { In(form).Add(name, value); });
   }
 
  private:

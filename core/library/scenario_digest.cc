@@ -4,6 +4,7 @@
 #include "absl/strings/str_format.h"
 #include "core/base/check.h"
 #include "core/base/digest.h"
+#include "core/library/orbit_elements.h"
 
 namespace orbitune {
 namespace {
@@ -30,40 +31,12 @@ class Fields {
   std::vector<Field> fields_;
 };
 
-void AddOrbit(Fields&, const std::monostate&) {}
-
-void AddOrbit(Fields& fields, const KeplerianState& s) {
-  fields.Add("target.keplerian.semi_major_axis_km", s.semi_major_axis_km);
-  fields.Add("target.keplerian.eccentricity", s.eccentricity);
-  fields.Add("target.keplerian.inclination_deg", s.inclination_deg);
-  fields.Add("target.keplerian.raan_deg", s.raan_deg);
-  fields.Add("target.keplerian.argument_of_periapsis_deg", s.argument_of_periapsis_deg);
-  const bool anomaly = s.position == KeplerianState::Position::kTrueAnomaly;
-  fields.Add(anomaly ? "target.keplerian.true_anomaly_deg" : "target.keplerian.true_longitude_deg", s.position_deg);
-}
-
-void AddOrbit(Fields& fields, const EquinoctialState& s) {
-  fields.Add("target.equinoctial.p_km", s.p_km);
-  fields.Add("target.equinoctial.ex", s.ex);
-  fields.Add("target.equinoctial.ey", s.ey);
-  fields.Add("target.equinoctial.hx", s.hx);
-  fields.Add("target.equinoctial.hy", s.hy);
-  fields.Add("target.equinoctial.true_longitude_deg", s.true_longitude_deg);
-}
-
-void AddOrbit(Fields& fields, const CartesianStateKm& s) {
-  fields.Add("target.cartesian.x_km", s.x_km);
-  fields.Add("target.cartesian.y_km", s.y_km);
-  fields.Add("target.cartesian.z_km", s.z_km);
-  fields.Add("target.cartesian.x_dot_km_s", s.x_dot_km_s);
-  fields.Add("target.cartesian.y_dot_km_s", s.y_dot_km_s);
-  fields.Add("target.cartesian.z_dot_km_s", s.z_dot_km_s);
-}
-
 std::vector<Field> DigestFields(const Scenario& scenario) {
   Fields fields;
   fields.Add("gravitational_parameter_km3_s2", scenario.gravitational_parameter_km3_s2);
-  std::visit([&](const auto& orbit) { AddOrbit(fields, orbit); }, scenario.target);
+  ForEachElement(scenario.target, [&fields](const char* form, const char* name, double value) {
+    fields.Add(absl::StrCat("target.", form, ".", name), value);
+  });
   fields.Add("sampling_period_s", scenario.sampling_period_s);
   fields.Add("horizon_samples", scenario.horizon_samples);
   fields.Add("fuel_weight", scenario.fuel_weight);

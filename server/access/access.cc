@@ -4,6 +4,7 @@
 #include <chrono>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/clock.h"
 #include "server/log/log.h"
 
 namespace orbitune {
@@ -20,11 +21,6 @@ constexpr std::size_t kLongestText = 200;  // of what comes from outside, in the
 // Old entries are removed once a day, each time with an entry that says so; a few at a time, for who waits for one.
 constexpr std::chrono::hours kBetweenRemovals{24};
 constexpr int kMostRemoved = 5000;
-
-std::int64_t NowUs() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
 
 absl::Status Unauthenticated(std::string_view text, std::string_view reason) {
   return WithReason(absl::UnauthenticatedError(ToAbsl(text)), reason);
@@ -145,7 +141,7 @@ absl::StatusOr<std::string> Access::SessionId(std::string_view session) const {
   const auto found = sessions_.find(SecretId(session).value_or(""));
   const bool known = found != sessions_.end();
   const bool right = HasDigest(session, known ? found->second.digest : std::string(64, '0'));
-  if (!known || !right || NowUs() >= found->second.expire_time_us) return SessionEnded();
+  if (!known || !right || !found->second.ValidAt(NowUs())) return SessionEnded();
   return found->first;
 }
 
@@ -173,7 +169,7 @@ absl::Status Access::StillValid(const Caller& caller) const {
   const std::lock_guard lock(mutex_);
   if (!caller.session_id.empty()) {
     const auto session = sessions_.find(caller.session_id);
-    if (session == sessions_.end() || NowUs() >= session->second.expire_time_us) return SessionEnded();
+    if (session == sessions_.end() || !session->second.ValidAt(NowUs())) return SessionEnded();
   }
   return CheckToken(caller.token_id);
 }
@@ -370,8 +366,7 @@ std::map<std::string, absl::Status> Access::NewlyEnded() {
   }
   valid_ = std::move(valid);
   std::erase_if(sessions_, [&](const auto& session) {
-    const bool over = NowUs() >= session.second.expire_time_us;
-    absl::Status status = over ? SessionEnded() : CheckToken(session.second.token_id);
+    absl::Status status = session.second.ValidAt(NowUs()) ? CheckToken(session.second.token_id) : SessionEnded();
     if (!status.ok()) ended.emplace(session.first, std::move(status));
     return ended.contains(session.first);
   });

@@ -79,6 +79,8 @@ class Access {
     std::string digest;
     std::string token_id;
     std::int64_t expire_time_us;
+
+    bool ValidAt(std::int64_t now_us) const { return now_us < expire_time_us; }
   };
   struct Bucket {
     double left;

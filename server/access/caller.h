@@ -11,9 +11,9 @@ struct Caller {
   std::string name;  // the token's; "local" where the server has no tokens, and everybody is an admin
   Role role = Role::kNone;
   std::string token_id;  // names the token without telling it; empty: called without one
-  std::string
-      session_id;    // of the dashboard's session that stood for the token, likewise; empty: the token itself came
-  std::string peer;  // IP address, without the port
+  // Names the dashboard's session that stood for the token, likewise; empty: the token itself came.
+  std::string session_id;
+  std::string peer;        // IP address, without the port
   std::string request_id;  // the client's own, else made up; never empty
 
   // What was sent, the end of which ends what the caller has open; empty: nothing.

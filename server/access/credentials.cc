@@ -2,17 +2,12 @@
 
 #include <algorithm>
 
+#include "server/access/text.h"
+
 namespace orbitune {
 namespace {
 
 constexpr std::size_t kLongestRequestId = 64;
-
-char Lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : c; }
-
-std::string_view Trim(std::string_view text) {
-  const std::size_t begin = std::min(text.find_first_not_of(" \t"), text.size());
-  return text.substr(begin, text.find_last_not_of(" \t") + 1 - begin);
-}
 
 }  // namespace
 

@@ -20,8 +20,6 @@ std::string TextOf(const google::protobuf::Message& message, const char* name) {
   return is_text && !field->is_repeated() ? message.GetReflection()->GetString(message, field) : "";
 }
 
-absl::Status GoingDown() { return absl::UnavailableError("the server is going down"); }
-
 bool OnlyValidates(const google::protobuf::Message& request) {
   const auto* field = request.GetDescriptor()->FindFieldByName("validate_only");
   return field != nullptr && request.GetReflection()->GetBool(request, field);

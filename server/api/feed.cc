@@ -5,12 +5,11 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status.h"
 #include "server/api/json.h"
+#include "server/jobs/event_hub.h"
 #include "server/jobs/limit.h"
 
 namespace orbitune {
 namespace {
-
-absl::Status GoingDown() { return absl::UnavailableError("the server is going down"); }
 
 class Ended final : public Feed {
  public:
@@ -63,6 +62,8 @@ std::vector<StreamPart> TakeFront(std::deque<StreamPart>& parts, std::size_t lim
   }
   return taken;
 }
+
+absl::Status GoingDown() { return absl::UnavailableError("the server is going down"); }
 
 std::shared_ptr<Feed> EndedFeed(absl::Status status) { return std::make_shared<Ended>(std::move(status)); }
 
@@ -122,7 +123,6 @@ absl::StatusOr<std::shared_ptr<Feed>> Feeds::Open(FeedOwner owner, const std::fu
 }
 
 Feeds::Counts Feeds::Count() {
-  constexpr std::int64_t kKeptForAll = 256;  // EventHub's
   Counts counts;
   std::vector<std::shared_ptr<Feed>> feeds;
   {
@@ -133,7 +133,7 @@ Feeds::Counts Feeds::Count() {
   for (const auto& feed : feeds) {
     const std::int64_t lag = feed->lag();
     counts.largest_lag = std::max(counts.largest_lag, lag);
-    counts.behind += lag > kKeptForAll;
+    counts.behind += std::cmp_greater(lag, EventHub::kKeptPerJob);
   }
   return counts;
 }

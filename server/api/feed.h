@@ -97,6 +97,9 @@ class Feed : public std::enable_shared_from_this<Feed> {
   virtual std::int64_t lag() { return 0; }
 };
 
+// What whoever asks a drained server for something is told.
+absl::Status GoingDown();
+
 // A stream that has ended before it began.
 std::shared_ptr<Feed> EndedFeed(absl::Status status);
 

@@ -100,7 +100,7 @@ int RunAudit(int argc, char** argv) {
   for (const auto& [option, text, value] :
        {std::tuple("--since", &since, &query.since_us), std::tuple("--until", &until, &query.until_us)}) {
     if (text->empty()) continue;
-    const auto time = ParseTime(option, *text, ClockUs());
+    const auto time = ParseTime(option, *text, NowUs());
     if (!time.ok()) return FailCommand(time.status());
     *value = *time;
   }

@@ -39,11 +39,6 @@ std::string Printable(std::string text) {
 
 }  // namespace
 
-std::int64_t ClockUs() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
-
 absl::StatusOr<std::unique_ptr<AccessStore>> OpenAccessStore(const std::string& data_dir) {
   std::error_code error;
   std::filesystem::create_directories(data_dir, error);

@@ -6,11 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "core/base/clock.h"
 #include "storage/access_store.h"
 
 namespace orbitune {
-
-std::int64_t ClockUs();
 
 // access.db of the data directory, which is made if need be. FAILED_PRECONDITION where it is another user's: the
 // server, which runs as that one, could not open what we would make there.

@@ -33,7 +33,7 @@ absl::Status CheckName(const std::string& name) {
 }
 
 absl::Status Note(AccessStore& store, const char* method, const TokenRecord& token) {
-  const AuditEntry entry{.time_us = ClockUs(),
+  const AuditEntry entry{.time_us = NowUs(),
                          .caller = "console",
                          .role = std::string(NameOf(Role::kAdmin)),
                          .method = method,
@@ -45,7 +45,7 @@ absl::Status Note(AccessStore& store, const char* method, const TokenRecord& tok
 absl::Status Create(AccessStore& store, const Options& options) {
   if (absl::Status status = CheckName(options.name); !status.ok()) return status;
   const Secret secret = Secret::New();
-  const std::int64_t now_us = ClockUs();
+  const std::int64_t now_us = NowUs();
   const TokenRecord token{.id = secret.id,
                           .name = options.name,
                           .role = *RoleOf(options.role),
@@ -64,7 +64,7 @@ absl::Status Create(AccessStore& store, const Options& options) {
 
 const char* StateOf(const TokenRecord& token) {
   if (token.revoke_time_us != 0) return "revoked";
-  return token.ValidAt(ClockUs()) ? "valid" : "expired";
+  return token.ValidAt(NowUs()) ? "valid" : "expired";
 }
 
 nlohmann::ordered_json ToJson(const TokenRecord& token) {
@@ -102,7 +102,7 @@ absl::Status List(AccessStore& store, const Options& options) {
 }
 
 absl::Status Revoke(AccessStore& store, const Options& options) {
-  const auto revoked = store.RevokeTokens(options.revoked, ClockUs());
+  const auto revoked = store.RevokeTokens(options.revoked, NowUs());
   if (!revoked.ok()) return revoked.status();
   for (const TokenRecord& token : *revoked) {
     if (absl::Status status = Note(store, "token revoke", token); !status.ok()) return status;

@@ -38,7 +38,9 @@ class EventHub {
     std::uint64_t key_ = 0;
   };
 
-  explicit EventHub(std::size_t kept_per_job = 256) : kept_per_job_(kept_per_job) {}
+  static constexpr std::size_t kKeptPerJob = 256;
+
+  explicit EventHub(std::size_t kept_per_job = kKeptPerJob) : kept_per_job_(kept_per_job) {}
 
   // Called with every event published, before its watchers are woken, on the publisher's thread. Set while nothing is
   // published. An empty one: nobody.

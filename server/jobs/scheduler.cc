@@ -44,11 +44,6 @@ absl::StatusOr<std::int64_t> StoredPairsLeftOut(const JobStore& store, const Job
 
 }  // namespace
 
-TimeUs NowUs() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
-
 std::string EtagOf(const JobRecord& record) { return absl::StrCat(record.id, "-", record.state_changes); }
 
 absl::Status CheckEtag(const JobRecord& record, const std::string& etag) {

@@ -22,6 +22,7 @@
 #include <thread>
 #include <vector>
 
+#include "core/base/clock.h"
 #include "core/library/gain_library.h"
 #include "core/simd/batch_simulator.h"
 #include "server/jobs/event_hub.h"
@@ -32,8 +33,6 @@ namespace orbitune {
 
 class JobRun;
 struct BatchOutcome;
-
-TimeUs NowUs();
 
 // Whose a job or a campaign is, where clients are to have equal shares: the owner's, else whoever's is at the address.
 template <typename Spec>

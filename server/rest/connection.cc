@@ -147,17 +147,14 @@ net::awaitable<error_code> Connection::ReadBody(Parser& parser) {
 
 net::awaitable<error_code> Connection::ReadWithin(std::chrono::milliseconds time, Parser& parser,
                                                   std::function<bool()> done) {
-  const auto late = std::make_shared<bool>(false);
-  net::steady_timer timer(core_.io, time);
-  timer.async_wait([late, self = shared_from_this()](error_code error) {
-    if (error || late.use_count() == 1) return;  // all was read
-    *late = true;
-    self->stream_.socket().cancel(error);
+  const Deadline deadline(core_.io, time, [self = shared_from_this()] {
+    error_code ignored;
+    self->stream_.socket().cancel(ignored);
   });
   stream_.expires_never();
   while (!done()) {
     const auto [error, count] = co_await http::async_read_some(stream_, buffer_, parser, kAwait);
-    if (*late) co_return net::error::make_error_code(net::error::timed_out);
+    if (deadline.passed()) co_return net::error::make_error_code(net::error::timed_out);
     if (error) co_return error;
     const std::size_t size = parser.get().body().size();  // what is only announced is not touched, and costs nothing
     core_.body_bytes += size - body_bytes_;

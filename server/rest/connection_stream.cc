@@ -116,16 +116,10 @@ net::awaitable<bool> Connection::WriteText(const Stream& stream, std::vector<net
                                            const std::string& target) {
   if (text.empty()) co_return true;
   // Not the stream's own time limit, which would close the socket and leave the outlet none the wiser.
-  const auto late = std::make_shared<bool>(false);
-  net::steady_timer timer(core_.io, core_.options.stall_time);
-  timer.async_wait([late, self = shared_from_this()](error_code cancelled) {
-    if (cancelled || late.use_count() == 1) return;  // all was written
-    *late = true;
-    self->CloseNow();
-  });
+  const Deadline deadline(core_.io, core_.options.stall_time, [self = shared_from_this()] { self->CloseNow(); });
   stream_.expires_never();
   const auto [error, count] = co_await net::async_write(stream_, text, kAwait);
-  if (*late) {
+  if (deadline.passed()) {
     core_.Log(absl::StrCat("cut off ", stream.peer, " at ", target, ": it did not take what it asked for within ",
                            core_.options.stall_time.count(), " ms"));
   }

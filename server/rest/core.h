@@ -128,6 +128,24 @@ class Slot : public std::enable_shared_from_this<Slot<T>> {
   std::optional<T> value_;
 };
 
+// Calls `act` on the I/O thread once `time` is over, unless it goes before that.
+class Deadline {
+ public:
+  Deadline(net::io_context& io, std::chrono::milliseconds time, std::function<void()> act) : timer_(io, time) {
+    timer_.async_wait([passed = passed_, act = std::move(act)](error_code cancelled) {
+      if (cancelled || passed.use_count() == 1) return;
+      *passed = true;
+      act();
+    });
+  }
+
+  bool passed() const { return *passed_; }
+
+ private:
+  const std::shared_ptr<bool> passed_ = std::make_shared<bool>(false);
+  net::steady_timer timer_;
+};
+
 // For a coroutine that threw: its connection is closed with it, the others go on.
 inline auto Report(Core& core) {
   return [&core](const std::exception_ptr& thrown) {

@@ -138,7 +138,7 @@ class HttpServerImpl final : public HttpServer {
   void SetServing(const absl::Status& state) override { core_->gateway->SetServing(state); }
 
   void Shutdown(std::chrono::milliseconds grace) override {
-    core_->gateway->SetServing(absl::UnavailableError("the server is going down"));
+    core_->gateway->SetServing(GoingDown());
     net::post(core_->io, [this, grace] { BeginShutdown(grace); });
     core_->api.Drain();
     if (thread_.joinable()) thread_.join();  // once nothing is left to do

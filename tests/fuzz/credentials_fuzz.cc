@@ -24,7 +24,7 @@ void Headers(std::string_view input) {
   const Credentials credentials = rest::CredentialsOf(request);
   Expect(credentials.token.empty() == IsBlank(authorization), "who sends something is not taken for who sends nothing");
   Expect(authorization.find(credentials.token) != authorization.npos, "a token is part of its header");
-  Expect(rest::Trim(credentials.token) == credentials.token, "a token has no blanks around it");
+  Expect(Trim(credentials.token) == credentials.token, "a token has no blanks around it");
   Expect(credentials.session.find(';') == credentials.session.npos, "a cookie ends where the next begins");
   const std::string pair = std::string(rest::CookieName(request)) + "=" + std::string(credentials.session);
   Expect(credentials.session.empty() || cookies.find(pair) != cookies.npos, "a session is the value of its own cookie");
