@@ -8,16 +8,17 @@
 namespace orbitune {
 namespace {
 
-// The integrator's error per step is its tolerance times the size of x, which it does not take below a hundredth of
-// the settling distance (core/sim/scalar_simulator.cc); V is quadratic in x. So many times that is no rise of V.
-constexpr double kToleratedRise = 100;
+// The integrator's error in a sampling period is a hundredth of the tolerance times the size of x, which it does not
+// take below a hundredth of the settling distance (core/sim/scalar_simulator.cc); V is quadratic in x. What the
+// tolerance, or thousands of steps at roundoff, make of it is no rise of V.
+constexpr double kRoundoff = 1e-9;
 constexpr double kNegligible = 1e-2;
 
 bool Decreases(const std::vector<EpisodeSample>& samples, const EpisodeProblem& problem) {
   const double size = kNegligible * problem.settling_distance;
   for (std::size_t k = 1; k < samples.size(); ++k) {
     const double before = samples[k - 1].lyapunov;
-    const double slack = kToleratedRise * problem.tolerance * std::max(before, size * size);
+    const double slack = std::max(problem.tolerance, kRoundoff) * std::max(before, size * size);
     if (!(samples[k].lyapunov <= before + slack)) return false;
   }
   return !samples.empty();

@@ -13,11 +13,11 @@ namespace {
 // Of the candidates, the share that gains for several initial conditions may take, the newest of them.
 constexpr int kGeneralShare = 4;
 
-// Candidates are told apart at a loose tolerance, in a third of the time: costs then are right to some 1e-5. As many
+// Candidates are told apart at a loose tolerance, in about half the time: costs then are right to some 1e-4. As many
 // more than are answered are flown again at the scenario's own.
-constexpr double kScreeningTolerance = 1e-6;
+constexpr double kScreeningTolerance = 1e-5;
 constexpr std::size_t kScreeningMargin = 3;
-constexpr double kMeasuringTolerance = 1e-7;
+constexpr double kMeasuringTolerance = 1e-5;
 
 // Threads of a refinement, each from another of the best answers.
 constexpr std::size_t kSearches = 2;

@@ -10,7 +10,7 @@
 
 namespace orbitune {
 
-inline constexpr double kDefaultIntegrationTolerance = 1e-8;
+inline constexpr double kDefaultIntegrationTolerance = 7e-7;
 // Attempts at a step before an episode counts as a numerical failure: far more than any tolerance allowed needs, but an
 // end.
 constexpr int MaxStepAttempts(int horizon_samples) { return 200'000 + 300 * horizon_samples; }
@@ -26,7 +26,7 @@ struct EpisodeProblem {
   double fuel_weight = 0;        // rho
   double settling_distance = 0;  // epsilon, in units of p_r
   ControlHold hold = ControlHold::kContinuous;
-  double tolerance = kDefaultIntegrationTolerance;  // of one step, relative to the size of x
+  double tolerance = kDefaultIntegrationTolerance;  // see docs/model.md, "Integration"
 };
 
 enum class Outcome {

@@ -12,27 +12,27 @@ namespace orbitune {
 namespace {
 
 // Episodes handed to the kernel at a time, on the stack.
-constexpr std::size_t kChunk = 256;
+constexpr std::size_t kChunk = 512;
 
 simd::LaneEpisode ToLane(const BatchEpisode& episode) {
   const EpisodeProblem& p = *episode.problem;
   const ErrorState& x = p.initial_error;
   const CanonicalGains k = ToCanonical(episode.gains, p.gain_units);
-  return {
-      .x = {x.x1, x.x2, x.x3, x.x4, x.x5, x.x6},
-      .target_longitude = p.target.initial_longitude,
-      .ex = p.target.ex,
-      .ey = p.target.ey,
-      .hx = p.target.hx,
-      .hy = p.target.hy,
-      .k = {k.k1, k.k2, k.k3, k.k4, k.k5},
-      .sampling_period = p.sampling_period,
-      .horizon_samples = static_cast<double>(p.horizon_samples),
-      .settling_distance = p.settling_distance,
-      .settled_below = episode.early_exit ? SettlingLyapunov(p.settling_distance, p.target.eccentricity(), k.k1) : -1,
-      .control_unit = p.gain_units.acceleration,
-      .tolerance = p.tolerance,
-      .max_attempts = static_cast<double>(MaxStepAttempts(p.horizon_samples))};
+  return {.x = {x.x1, x.x2, x.x3, x.x4, x.x5, x.x6},
+          .target_longitude = p.target.initial_longitude,
+          .ex = p.target.ex,
+          .ey = p.target.ey,
+          .hx = p.target.hx,
+          .hy = p.target.hy,
+          .k = {k.k1, k.k2, k.k3, k.k4, k.k5},
+          .sampling_period = p.sampling_period,
+          .horizon_samples = static_cast<double>(p.horizon_samples),
+          .settling_distance = p.settling_distance,
+          .settled_below = SettlingLyapunov(p.settling_distance, p.target, k.k1),
+          .early_exit = episode.early_exit,
+          .control_unit = p.gain_units.acceleration,
+          .tolerance = p.tolerance,
+          .max_attempts = static_cast<double>(MaxStepAttempts(p.horizon_samples))};
 }
 
 Outcome FromLane(simd::LaneOutcome outcome) {
@@ -79,9 +79,10 @@ BatchUse SimulateChunk(std::span<const BatchEpisode> episodes, std::span<Episode
   const auto asked = [](const void* context) { return (*static_cast<const std::function<bool()>*>(context))(); };
   const simd::LaneUse lane_use = simd::RunLanes(lanes.data(), lane_results.data(), count,
                                                 cancelled ? simd::Interrupt{asked, &cancelled} : simd::Interrupt{});
-  BatchUse use{.lane_steps = lane_use.lane_steps, .cancelled = lane_use.interrupted};
+  BatchUse use{.lane_steps = lane_use.lane_steps,
+               .used_lane_steps = lane_use.used_lane_steps,
+               .cancelled = lane_use.interrupted};
   if (use.cancelled) return use;
-  for (std::size_t i = 0; i < count; ++i) use.used_lane_steps += lane_results[i].steps + lane_results[i].rejected_steps;
   count = 0;
   for (std::size_t i = 0; i < episodes.size(); ++i) {
     const BatchEpisode& episode = episodes[i];

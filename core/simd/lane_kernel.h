@@ -18,7 +18,8 @@ struct LaneEpisode {
   double sampling_period;    // Ts
   double horizon_samples;    // H, a whole number
   double settling_distance;  // epsilon
-  double settled_below;      // c*: stop at a sample with V <= c*; negative: never
+  double settled_below;      // c*: with V <= c* all samples to come are inside
+  bool early_exit;           // stop then
   double control_unit;       // of ||u|| in the fuel sum
   double tolerance;
   double max_attempts;  // of steps
@@ -46,8 +47,9 @@ struct Interrupt {
 
 // What a call made of the lanes.
 struct LaneUse {
-  std::int64_t lane_steps = 0;  // attempts of a step, in every lane whether it had an episode or not
-  bool interrupted = false;     // the results are not all written
+  std::int64_t lane_steps = 0;       // attempts of a step, in every lane whether it had an episode or not
+  std::int64_t used_lane_steps = 0;  // in those that had one
+  bool interrupted = false;          // the results are not all written
 };
 
 // Simulates n episodes on the calling thread. Each result is a function of its episode alone: not of its neighbours,

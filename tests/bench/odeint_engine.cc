@@ -45,13 +45,12 @@ struct Loop {
 
 }  // namespace
 
-EpisodeResult SimulateWithOdeint(const EpisodeProblem& problem, const Gains& gains) {
+EpisodeResult SimulateWithOdeint(const EpisodeProblem& problem, const Gains& gains, double floor) {
   namespace odeint = boost::numeric::odeint;
   const CanonicalGains canonical = ToCanonical(gains, problem.gain_units);
   Loop loop{.target = problem.target, .g = canonical};
-  // Absolute: a small part of the settling distance, as in our own simulators.
   auto stepper = odeint::make_controlled<odeint::runge_kutta_dopri5<State>>(
-      problem.tolerance * 1e-2 * problem.settling_distance, problem.tolerance);
+      problem.tolerance * floor * problem.settling_distance, problem.tolerance);
   const ErrorState& x = problem.initial_error;
   State y = {x.x1, x.x2, x.x3, x.x4, x.x5, x.x6, problem.target.initial_longitude};
   State rates;

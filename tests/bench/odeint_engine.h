@@ -6,7 +6,8 @@
 
 namespace orbitune::bench {
 
-// Hc, fuel sum, cost and the number of steps; continuous control only.
-EpisodeResult SimulateWithOdeint(const EpisodeProblem& problem, const Gains& gains);
+// Hc, fuel sum, cost and the number of steps; continuous control only. Its absolute tolerance is the problem's times
+// `floor` settling distances.
+EpisodeResult SimulateWithOdeint(const EpisodeProblem& problem, const Gains& gains, double floor);
 
 }  // namespace orbitune::bench

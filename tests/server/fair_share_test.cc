@@ -83,7 +83,7 @@ TEST_F(FairShareTest, AnothersOneJobBeginsAndEndsBesideMany) {
 // A client with one job gets as much as one with four; without shares the four would have four times as much. No job
 // waits for the disk.
 TEST_F(FairShareTest, ClientsGetEqualSharesOfTheWorkers) {
-  constexpr int kIterations = 400;
+  constexpr int kIterations = 3000;
   Engine engine(NewDatabase(), {.threads = 1, .max_uncommitted_iterations = 2 * kIterations}, false);
   const std::vector<std::string> many = {"a1", "a2", "a3", "a4"};
   for (const std::string& id : many) Put(engine, id, kIterations, "a");
@@ -94,7 +94,7 @@ TEST_F(FairShareTest, ClientsGetEqualSharesOfTheWorkers) {
 }
 
 TEST_F(FairShareTest, AClientsRunningJobsShareByPriority) {
-  constexpr int kIterations = 400;
+  constexpr int kIterations = 3000;
   Engine engine(NewDatabase(), {.threads = 1, .max_uncommitted_iterations = 2 * kIterations}, false);
   Put(engine, "low", kIterations, "a", -1);
   Put(engine, "high", kIterations, "a", 1);

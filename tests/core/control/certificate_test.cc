@@ -15,28 +15,32 @@ namespace {
 using testing::Cases;
 using testing::Random;
 
-// B(c) of docs/model.md, section 4, for p_r = G41 = 1.
-double Bound(double c, double target_eccentricity, double k1) {
-  const double s = std::sqrt(2 * c), q = 1 - target_eccentricity;
+// B(c) of docs/model.md, section "Early exit", for p_r = 1: with Lambda at the target's plane, which it comes to as c
+// -> 0.
+double Bound(double c, const TargetOrbit& target, double k1) {
+  const double s = std::sqrt(2 * c), q = 1 - target.eccentricity();
+  const double h2 = target.hx * target.hx + target.hy * target.hy;
+  const double in_plane = 1 / k1 + 4 * h2 / ((1 + h2) * (1 + h2)), across = 4 / ((1 + h2) * (1 + h2));
+  const double both = 4 * h2 * across / ((1 + h2) * (1 + h2));  // (their scalar product)^2 at worst
+  const double lambda = (in_plane + across + std::sqrt((in_plane - across) * (in_plane - across) + 4 * both)) / 2;
   const double within = q * (q - s);
-  return s * std::max(1 / within, std::sqrt((4 + 1 / k1) / within));
+  return s * std::max(1 / within, std::sqrt(lambda / within));
 }
 
 TEST(SettlingLyapunovTest, IsTheLargestThatTheBoundAllows) {
   Random random(1);
   int capped = 0;
   for (int i = 0; i < 10'000; ++i) {
-    const double distance = random.LogUniform(1e-7, 10), e = random.Uniform(0, 0.9), k1 = random.LogUniform(1e-3, 1e3);
-    const double c = SettlingLyapunov(distance, e, k1);
+    const double distance = random.LogUniform(1e-7, 10), k1 = random.LogUniform(1e-3, 1e3);
+    const TargetOrbit target = testing::RandomTarget(random, 0.9);
+    const double c = SettlingLyapunov(distance, target, k1);
     ASSERT_GT(c, 0);
-    const double s = std::sqrt(2 * c), limit = (1 - e) / 2;
+    const double s = std::sqrt(2 * c), limit = (1 - target.eccentricity()) / 2;
     ASSERT_LT(s, limit) << "the bound is proved for S < q / 2";
-    if (s > limit * (1 - 1e-9)) {
-      ++capped;
-      ASSERT_LE(Bound(c, e, k1), distance);
-    } else {
-      ASSERT_NEAR(Bound(c, e, k1) / distance, 1, 1e-9);
-      ASSERT_LE(Bound(c, e, k1), distance * (1 + 1e-15));
+    ASSERT_LE(Bound(c, target, k1), distance * (1 + 1e-15));
+    capped += s > limit * (1 - 1e-9);
+    if (distance < 1e-4 * std::min(1.0, std::sqrt(k1))) {
+      ASSERT_NEAR(Bound(c, target, k1) / distance, 1, 1e-3);
     }
   }
   EXPECT_GT(capped, 0);
@@ -45,11 +49,13 @@ TEST(SettlingLyapunovTest, IsTheLargestThatTheBoundAllows) {
 TEST(SettlingLyapunovTest, GrowsWithDistanceAndFirstGain) {
   Random random(2);
   for (int i = 0; i < 1000; ++i) {
-    const double distance = random.LogUniform(1e-6, 0.05), e = random.Uniform(0, 0.7), k1 = random.LogUniform(0.03, 30);
-    EXPECT_LT(SettlingLyapunov(distance, e, k1), SettlingLyapunov(1.01 * distance, e, k1));
-    EXPECT_LE(SettlingLyapunov(distance, e, k1), SettlingLyapunov(distance, e, 1.01 * k1));
-    if (e < 0.4) {  // beyond, the radius alone may decide
-      EXPECT_LT(SettlingLyapunov(distance, e, k1), SettlingLyapunov(distance, e, 1.01 * k1));
+    const double distance = random.LogUniform(1e-6, 1e-3), k1 = random.LogUniform(0.03, 30);
+    const TargetOrbit target = testing::RandomTarget(random, 0.7);
+    const double c = SettlingLyapunov(distance, target, k1);
+    EXPECT_LT(c, SettlingLyapunov(1.01 * distance, target, k1));
+    EXPECT_LE(c, SettlingLyapunov(distance, target, 1.01 * k1));
+    if (target.eccentricity() < 0.4 && k1 < 0.2) {  // beyond, the radius or the plane may decide
+      EXPECT_LT(c, SettlingLyapunov(distance, target, 1.01 * k1));
     }
   }
 }
@@ -102,7 +108,7 @@ TEST(SettlingLyapunovTest, NothingOnTheLevelIsFartherThanPromised) {
     CanonicalGains gains = ToCanonical(testing::RandomGains(random), {});
     gains.k1 = random.LogUniform(1e-3, 30);  // the smaller, the more of the bound is x1's alone
     const double distance = random.LogUniform(1e-6, 1);
-    const double c = SettlingLyapunov(distance, target.eccentricity(), gains.k1);
+    const double c = SettlingLyapunov(distance, target, gains.k1);
     const LevelState state = DrawOnLevel(random, c, target, gains);
     const double lyapunov = EvaluateLaw(state.x, target, state.phase, gains).lyapunov;
     EXPECT_NEAR(lyapunov / c, 1, 1e-6);  // x4 - xi cancels where c is small

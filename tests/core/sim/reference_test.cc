@@ -49,7 +49,7 @@ TEST_P(ReferenceTest, LyapunovFunctionNeverRises) {
   std::vector<EpisodeSample> trajectory;
   SimulateEpisode(problem_, episode_.gains, {.early_exit = false, .trajectory = &trajectory});
   ASSERT_EQ(trajectory.size(), static_cast<std::size_t>(problem_.horizon_samples) + 1);
-  // Up to what the integrator calls nothing: errors of a step below tolerance * 1e-2 epsilon.
+  // Up to what the integrator calls nothing: errors of a step below a hundredth of tolerance * 1e-2 epsilon.
   const double nothing = problem_.tolerance * 1e-2 * problem_.settling_distance;
   for (std::size_t k = 1; k < trajectory.size(); ++k) {
     ASSERT_LE(trajectory[k].lyapunov, trajectory[k - 1].lyapunov * (1 + 1e-12) + nothing * nothing) << "sample " << k;
