@@ -115,22 +115,20 @@ class Flights {
     CampaignMember* member;
   };
 
-  // The cost and its terms by the engine that the searches use, the true delta-v by the one that measures it.
+  // By the scalar simulator, which measures the true delta-v, too; where it takes too many steps, by the search's.
   static void FlySome(std::span<const Flight> flights, const std::function<bool()>& cancelled) {
-    std::vector<BatchEpisode> episodes;
-    for (const Flight& f : flights) episodes.push_back({.problem = &f.prepared->problem, .gains = f.gains});
-    std::vector<EpisodeResult> results(flights.size());
-    SimulateBatch(episodes, results, cancelled);
-    for (std::size_t i = 0; i < flights.size(); ++i) {
-      const Flight& f = flights[i];
-      MemberEpisode episode{.choice = f.choice, .gains = f.gains, .outcome = results[i].outcome};
+    for (const Flight& f : flights) {
+      EpisodeResult result =
+          SimulateEpisode(f.prepared->problem, f.gains, {.measure_effort = true, .cancelled = cancelled});
+      const double delta_v = result.delta_v_to_settling * f.prepared->units.velocity_m_s();
+      const BatchEpisode again{.problem = &f.prepared->problem, .gains = f.gains};
+      if (result.outcome == Outcome::kNumericalFailure) SimulateBatch({&again, 1}, {&result, 1}, cancelled);
+      MemberEpisode episode{.choice = f.choice, .gains = f.gains, .outcome = result.outcome};
       if (HasCost(episode.outcome)) {
-        episode.cost = results[i].cost;
-        episode.settling_samples = results[i].settling_samples;
-        episode.fuel_sum = results[i].fuel_sum;
-        const EpisodeResult measured =
-            SimulateEpisode(f.prepared->problem, f.gains, {.measure_effort = true, .cancelled = cancelled});
-        episode.delta_v_to_settling_m_s = measured.delta_v_to_settling * f.prepared->units.velocity_m_s();
+        episode.cost = result.cost;
+        episode.settling_samples = result.settling_samples;
+        episode.fuel_sum = result.fuel_sum;
+        episode.delta_v_to_settling_m_s = delta_v;
       }
       f.member->episodes.push_back(episode);
     }

@@ -47,10 +47,10 @@ void WarnOfEpisode(std::vector<Warning>& warnings, const GainsAssessment& assess
   }
 }
 
-// The cost and its terms are the search's, which the history shows; the scalar simulator, which measures the effort,
-// agrees with them to the integration's tolerance only.
+// The cost and its terms are the scalar simulator's, which is finer than the search's (docs/model.md, "Integration");
+// the search's are left where that takes too many steps.
 GainsAssessment AssessOne(const IterationRecord& record, EpisodeResult result, const PreparedScenario& prepared) {
-  if (HasCost(record.outcome)) {
+  if (HasCost(record.outcome) && !HasCost(result.outcome)) {
     result.outcome = record.outcome;
     result.cost = record.cost;
     result.settling_samples = record.settling_samples;
