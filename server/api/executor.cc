@@ -21,6 +21,7 @@ Executors::Executors(const ExecutorLimits& limits)
       queries_(2, LimitsOf(limits)),
       episodes_(limits.max_episode_calls, LimitsOf(limits)),
       streams_(2, LimitsOf(limits), kStreamNice),
+      crowd_(2, LimitsOf(limits), kCrowdNice),
       verifications_(limits.max_verifications, LimitsOf(limits), kVerifyNice) {}
 
 Executor& Executors::For(Work work) {
@@ -35,6 +36,8 @@ Executor& Executors::For(Work work) {
       return episodes_;
     case Work::kStream:
       return streams_;
+    case Work::kCrowd:
+      return crowd_;
     case Work::kVerify:
       return verifications_;
   }

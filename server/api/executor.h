@@ -61,8 +61,10 @@ class Executor {
   std::vector<std::thread> threads_;
 };
 
-// Watchers take what the tuning leaves of the processors: however many there are, a job is hardly slower.
+// Watchers let the tuning go first. A few are told at once all the same; a crowd takes what is left of the processors,
+// so that a job is hardly slower however many there are.
 inline constexpr int kStreamNice = 10;
+inline constexpr int kCrowdNice = 19;
 // So does whoever wants a job to be run again.
 inline constexpr int kVerifyNice = 15;
 
@@ -70,7 +72,7 @@ inline constexpr int kVerifyNice = 15;
 void AddNice(int nice);
 
 // What a call keeps busy, and with it how long it may.
-enum class Work { kRead, kWrite, kQuery, kEpisode, kStream, kVerify };
+enum class Work { kRead, kWrite, kQuery, kEpisode, kStream, kCrowd, kVerify };
 
 struct ExecutorLimits {
   int max_calls_waiting = 4096;             // of each kind of work
@@ -93,6 +95,7 @@ class Executors {
   Executor queries_;  // of milliseconds
   Executor episodes_;
   Executor streams_;
+  Executor crowd_;          // streams, too, where there are many
   Executor verifications_;  // of minutes, and of less weight than what tunes
 };
 

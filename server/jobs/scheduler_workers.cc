@@ -19,6 +19,16 @@ constexpr std::chrono::microseconds kLookout(50);
 // Who had nothing to fly for a while catches up by no more than so many steps: a tenth of a second of a worker's time.
 constexpr double kMostCredit = 200'000;
 
+// Not yielding where there is something better: that gives the processor away to whatever has something to do, for as
+// long as that has.
+void SpinOnce() {
+#ifdef __x86_64__
+  __builtin_ia32_pause();
+#else
+  std::this_thread::yield();
+#endif
+}
+
 // How much of the workers' time a job gets beside others of its client.
 double WeightOf(const JobSpec& spec) { return std::ldexp(1.0, spec.priority); }
 
@@ -57,7 +67,7 @@ bool Scheduler::AwaitChunk(Chunk& chunk, Lock& lock) {
     if (running_ > 0) {
       lock.unlock();
       const auto end = std::chrono::steady_clock::now() + kLookout;
-      while (signals_ == seen && std::chrono::steady_clock::now() < end) std::this_thread::yield();
+      while (signals_ == seen && std::chrono::steady_clock::now() < end) SpinOnce();
       lock.lock();
     }
     work_.wait(lock, [&] { return signals_ != seen; });

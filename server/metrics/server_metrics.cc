@@ -121,9 +121,10 @@ void AddApi(Api& api, MetricsRegistry& registry) {
       });
   registry.AddGauge("orbitune_calls_waiting", "Calls that wait for a thread, by what they keep busy.", [&api] {
     std::vector<MetricValue> rows;
-    for (const auto& [work, name] : {std::pair(Work::kRead, "read"), std::pair(Work::kWrite, "write"),
-                                     std::pair(Work::kQuery, "query"), std::pair(Work::kEpisode, "episode"),
-                                     std::pair(Work::kStream, "stream"), std::pair(Work::kVerify, "verify")}) {
+    for (const auto& [work, name] :
+         {std::pair(Work::kRead, "read"), std::pair(Work::kWrite, "write"), std::pair(Work::kQuery, "query"),
+          std::pair(Work::kEpisode, "episode"), std::pair(Work::kStream, "stream"), std::pair(Work::kCrowd, "crowd"),
+          std::pair(Work::kVerify, "verify")}) {
       rows.push_back({{{"work", name}}, static_cast<double>(api.executors().For(work).waiting())});
     }
     return rows;

@@ -43,6 +43,8 @@ inline constexpr auto kAwait = net::as_tuple(net::use_awaitable);
 // With many watchers each is written to less often, and more at a time.
 inline constexpr std::chrono::microseconds kPacePerStream{400};
 inline constexpr std::chrono::microseconds kSlowestPace{200'000};
+// More than so many take what is left of the processors.
+inline constexpr int kCrowd = 64;
 
 class Connection;
 
@@ -67,7 +69,8 @@ struct Core : std::enable_shared_from_this<Core> {
     turn.async_wait([this](error_code) { PostAsks(std::exchange(waiting, {})); });
   }
   void PostAsks(std::vector<Ask> asks) {
-    api.executors().For(Work::kStream).Post([core = shared_from_this(), asks = std::move(asks)] {
+    const Work work = streams > kCrowd ? Work::kCrowd : Work::kStream;
+    api.executors().For(work).Post([core = shared_from_this(), asks = std::move(asks)] {
       for (const Ask& ask : asks) ask(core);
     });
   }
