@@ -304,8 +304,17 @@ test("a live job of thousands of iterations leaves the browser time for 60 frame
 
 test("a long list of jobs is paged, and searched as a whole", async () => {
   const jobs = Number(process.env.ORBITUNE_E2E_JOBS ?? 30);
-  const create = (i) =>
-    server.post("/v1/jobs", { scenario: "scenarios/leo-rendezvous", display_name: `batch ${i}`, hyperparameters: { iterations: 1, directions: 1 } });
+  const create = async (i) => {
+    const job = { scenario: "scenarios/leo-rendezvous", display_name: `batch ${i}`, hyperparameters: { iterations: 1, directions: 1 } };
+    while (true) {
+      try {
+        return await server.post("/v1/jobs", job);
+      } catch (error) {
+        if (!error.message.includes("RESOURCE_EXHAUSTED")) throw error;  // else as many wait as may
+        await new Promise((done) => setTimeout(done, 200));
+      }
+    }
+  };
   for (let i = 1; i <= jobs; i += 10) await Promise.all(Array.from({ length: Math.min(10, jobs - i + 1) }, (_, k) => create(i + k)));
   const { page, errors } = await openPage(browser);
   await page.goto(`${server.base}/#/jobs`);
