@@ -7,6 +7,7 @@
 #include "absl/strings/str_format.h"
 #include "core/base/check.h"
 #include "core/control/certificate.h"
+#include "core/sim/severity.h"
 
 namespace orbitune {
 namespace {
@@ -57,10 +58,6 @@ GainsAssessment AssessOne(const IterationRecord& record, EpisodeResult result, c
     result.fuel_sum = record.fuel_sum;
   }
   return {record.iteration, record.gains, ToReport(result, prepared), std::nullopt};
-}
-
-int Severity(Outcome outcome) {
-  return outcome == Outcome::kLeftDomain ? 4 : static_cast<int>(outcome);  // beyond a numerical failure
 }
 
 // Of the values that are there.
