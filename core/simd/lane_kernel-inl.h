@@ -78,15 +78,19 @@ struct Kernel {
             hn::IfThenElse(hn::Or(hn::Eq(turn, Set(1.0)), hn::Eq(turn, Set(2.0))), hn::Neg(cosine), cosine)};
   }
 
-  // Within 6 %, for step sizes: the exponent and a linear mantissa.
-  static HWY_INLINE V RoughLog2(V x) {
-    const hn::RebindToSigned<D> di;
-    return hn::MulAdd(hn::ConvertTo(kD, hn::BitCast(di, x)), Set(0x1p-52), Set(-1023.0));
+  // Within 6 %, for step sizes: the exponent and a linear mantissa, of which 20 bits are used. The logarithm is exact
+  // in these bits, grows with x, and is above 1023 for what is not a number.
+  static constexpr double kLogScale = 0x1p-20;
+  static constexpr double kLogOffset = -(0x1p32 + 1023);
+  static HWY_INLINE V LogBits(V x) {  // (log2(x) - kLogOffset) / kLogScale
+    const hn::RebindToUnsigned<D> du;
+    return hn::BitCast(kD, hn::Or(hn::ShiftRight<32>(hn::BitCast(du, x)), hn::BitCast(du, Set(0x1p52))));
   }
+  static HWY_INLINE V RoughLog2(V x) { return hn::MulAdd(LogBits(x), Set(kLogScale), Set(kLogOffset)); }
 
-  static HWY_INLINE V RoughExp2(V x) {
-    const hn::RebindToSigned<D> di;
-    return hn::BitCast(kD, hn::ConvertTo(di, hn::Mul(hn::Add(x, Set(1023.0)), Set(0x1p52))));
+  static HWY_INLINE V RoughExp2(V x) {  // x from -1023 to 1023
+    const hn::RebindToUnsigned<D> du;
+    return hn::BitCast(kD, hn::ShiftLeft<32>(hn::BitCast(du, hn::Add(x, Set(0x1.8p32 + 1023)))));
   }
 
   // The episodes in flight, a row for each quantity, a column for each lane.
@@ -97,15 +101,16 @@ struct Kernel {
     Row doubt;  // twice kDoubt / ((1 - e_r)^2 epsilon); 0: a sample's side of epsilon is taken as it comes
     // At the newest accepted state.
     Row y[kComponents];
-    Row rate[kComponents];             // the first stage of the next step
-    Row size2;                         // |x|^2
-    Row time, step, log_error, grown;  // grown: the growth that the next step may have: 1 after a rejection
+    Row rate[kComponents];                // the first stage of the next step
+    Row size2;                            // |x|^2
+    Row time, step, log_error, log_most;  // log_most: of what factor the next step may grow by: 0 after a rejection
     Row sample, attempts, rejected;
     // Bounds on the local errors: their sum since the newest sample, and that of those before, each over sqrt(V).
     Row error, drift;
+    Row allowed;  // of error, for a unit of time
     // The cost so far.
     Row settling, fuel, settling_fuel, outside, first_lyapunov;
-    Row fine;                     // 1: the second flight
+    Row flight;                   // from 0
     Row doubtful;                 // 1: a sample that may be the last outside, or inside after it, is too near epsilon
     Row end;                      // kFlying, ...
     std::size_t episode[kWidth];  // which one a lane flies
@@ -134,50 +139,82 @@ struct Kernel {
     V half;          // |(H5, H6)|
   };
 
-  // The closed loop (core/control/control_law.cc) with u substituted: 62 operations, one division, no root, no sine.
-  // Writes dy/dt of every component to rate[.].
-  static HWY_INLINE LoopValue ClosedLoop(const Constants& g, const V* HWY_RESTRICT y, Row* HWY_RESTRICT rate) {
+  // What depends on x2, x3 and L_r only.
+  struct Geometry {
+    V a, m;    // 1 / r, and 1 + x2
+    V inv_am;  // the only division of a stage
+  };
+
+  static HWY_INLINE Geometry GeometryOf(const Constants& g, const V* HWY_RESTRICT y) {
+    const V one = Set(1.0);
+    const V m = hn::Add(one, y[kX2]);
+    const V a = hn::Add(hn::MulAdd(g.ex, y[kCL], one), hn::MulAdd(g.ey, y[kSL], y[kX3]));
+    return {a, m, hn::Div(one, hn::Mul(a, m))};
+  }
+
+  // The closed loop (core/control/control_law.cc) with u substituted: one division, no root, no sine. Gives dy/dt.
+  // A processor looks ahead only so far, so the order is that of need: the rates of x2, x3 and L_r come first, and with
+  // them `meanwhile` can begin the next stage's division.
+  template <typename Meanwhile>
+  static HWY_INLINE LoopValue ClosedLoop(const Constants& g, const V* HWY_RESTRICT y, const Geometry& geometry,
+                                         V* HWY_RESTRICT rate, const Meanwhile& meanwhile) {
     const V s1 = y[kS1], c1 = y[kC1], x2 = y[kX2], x3 = y[kX3], z = y[kZ], x5 = y[kX5], x6 = y[kX6];
     const V sl = y[kSL], cl = y[kCL];
+    const V a = geometry.a, m = geometry.m, inv_am = geometry.inv_am;
     const V one = Set(1.0);
+
     const V q = hn::MulAdd(g.ex, cl, hn::MulAdd(g.ey, sl, one));
     const V n = hn::Mul(q, q);
-    const V a = hn::Add(x3, q);
-    const V m = hn::Add(one, x2);
-    const V inv_am = hn::Div(one, hn::Mul(a, m));
-    const V inv_a = hn::Mul(inv_am, m);
-    const V inv_f12 = hn::Mul(inv_a, inv_a);
     const V f12 = hn::Mul(a, a);
     const V f13 = hn::Add(a, q);
-    const V f42 = hn::Mul(hn::Add(one, m), hn::Mul(f12, a));
+    const V f42_f12 = hn::Mul(hn::Add(one, m), a);
     const V k1s1 = hn::Mul(g.k1, s1);
-    const V slope = hn::Mul(hn::Mul(f13, c1), inv_f12);
+    rate[kX2] = hn::NegMulSub(f12, hn::MulAdd(f42_f12, z, k1s1), hn::Mul(g.k2, x2));
+    rate[kX3] = hn::NegMulSub(f13, k1s1, hn::MulAdd(f12, z, hn::Mul(g.k3, x3)));
+    rate[kSL] = hn::Mul(cl, n);
+    rate[kCL] = hn::NegMulAdd(sl, n, hn::Zero(kD));
 
     const V s = hn::MulAdd(s1, cl, hn::Mul(c1, sl));
     const V c = hn::NegMulAdd(s1, sl, hn::Mul(c1, cl));
     const V hx = hn::Add(x5, g.hx);
     const V hy = hn::Add(x6, g.hy);
     const V h2 = hn::MulAdd(hx, hx, hn::MulAdd(hy, hy, one));
-    const V half = hn::Mul(hn::Mul(Set(0.5), inv_am), h2);
+    const V half = hn::Mul(Set(0.5), h2);
+    // H1, H5, H6, all times a m.
+    const V h1 = hn::MulSub(hx, s, hn::Mul(hy, c));
     const V h5 = hn::Mul(half, c);
     const V h6 = hn::Mul(half, s);
-    const V h1 = hn::Mul(inv_am, hn::NegMulAdd(hy, c, hn::Mul(hx, s)));
-    const V k1h1 = hn::Mul(g.k1, h1);
-    const V v_h = hn::MulAdd(k1h1, hn::NegMulAdd(z, slope, s1), hn::MulAdd(x5, h5, hn::Mul(x6, h6)));
-    const V normal = hn::Mul(g.minus_k5, v_h);
+    const V planar1 = hn::MulAdd(f12, x2, hn::Mul(f13, x3));
+    const V planar4 = hn::MulSub(f12, hn::MulAdd(f42_f12, x2, x3), hn::Mul(g.k4, z));
+    const V by_plane = hn::MulAdd(x5, h5, hn::Mul(x6, h6));
+    const V slope = hn::Mul(hn::Mul(f13, c1), hn::Mul(m, m));  // (d xi / d x1) / K1, times (a m)^2
+    const V k1_slope = hn::Mul(g.k1, slope);
+    meanwhile();
 
-    const V dx1 = hn::MulAdd(f12, x2, hn::MulAdd(f13, x3, hn::Mul(h1, normal)));
-    const V xi_by_normal = hn::Mul(hn::Mul(k1h1, normal), slope);
-    Store(hn::Mul(c1, dx1), rate[kS1]);
-    Store(hn::NegMulAdd(s1, dx1, hn::Zero(kD)), rate[kC1]);
-    Store(hn::NegMulSub(f12, k1s1, hn::MulAdd(f42, z, hn::Mul(g.k2, x2))), rate[kX2]);
-    Store(hn::NegMulSub(f13, k1s1, hn::MulAdd(f12, z, hn::Mul(g.k3, x3))), rate[kX3]);
-    Store(hn::MulAdd(f42, x2, hn::MulSub(f12, x3, hn::MulAdd(g.k4, z, xi_by_normal))), rate[kZ]);
-    Store(hn::Mul(h5, normal), rate[kX5]);
-    Store(hn::Mul(h6, normal), rate[kX6]);
-    Store(hn::Mul(cl, n), rate[kSL]);
-    Store(hn::NegMulAdd(sl, n, hn::Zero(kD)), rate[kCL]);
-    return {hn::Min(a, m), normal, a, q, n, f12, f13, inv_f12, slope, s, c, hx, hy, h2, half};
+    const V inv_am2 = hn::Mul(inv_am, inv_am);
+    const V v_h = hn::MulAdd(h1, hn::NegMulAdd(hn::Mul(k1_slope, z), inv_am2, k1s1), by_plane);
+    const V w = hn::Mul(hn::Mul(g.minus_k5, inv_am2), v_h);  // u_h / (a m)
+    const V dx1 = hn::MulAdd(h1, w, planar1);
+    rate[kX5] = hn::Mul(h5, w);
+    rate[kX6] = hn::Mul(h6, w);
+    rate[kZ] = hn::NegMulAdd(hn::Mul(hn::Mul(h1, k1_slope), inv_am2), w, planar4);
+    rate[kS1] = hn::Mul(c1, dx1);
+    rate[kC1] = hn::NegMulAdd(s1, dx1, hn::Zero(kD));
+    return {hn::Min(a, m),
+            hn::Mul(w, hn::Mul(a, m)),
+            a,
+            q,
+            n,
+            f12,
+            f13,
+            hn::Mul(inv_am2, hn::Mul(m, m)),
+            hn::Mul(slope, inv_am2),
+            s,
+            c,
+            hx,
+            hy,
+            h2,
+            hn::Mul(half, inv_am)};
   }
 
   // xi = (K1 f13 sin x1 + (K3 - f33) x3) / f12, with f33 = f13 zeta_Y.
@@ -201,7 +238,8 @@ struct Kernel {
     return sum;
   }
 
-  // Back to the unit circle, which a step leaves by its error e, to e^2: one Newton step for 1 / sqrt.
+  // Back to the unit circle, which a step leaves by its error e, to e^2: one Newton step for 1 / sqrt. Before the last
+  // stage, not after it: that is the next step's first, and rates that do not belong to its state cost a digit.
   static HWY_INLINE void Normalise(V& sine, V& cosine) {
     const V square = hn::MulAdd(sine, sine, hn::Mul(cosine, cosine));
     const V factor = hn::NegMulAdd(Set(0.5), square, Set(1.5));
@@ -233,23 +271,55 @@ struct Kernel {
     M last;
     V margin;
     LoopValue end;
-    V y[kComponents];
+    Geometry geometry;
+    V y[kComponents];      // where the stage's rates are wanted
+    V error[kComponents];  // over h
   };
 
+  // Whose rates do not need the stage's division.
+  static constexpr bool kKnownEarly[kComponents] = {false, false, true, true, false, false, false, true, true};
+
+  // The rates of a stage, and from them where the next one is, or the error.
   template <std::size_t kStage>
   static HWY_INLINE void Stage(const Lanes& l, Row (*k)[kComponents], Attempt& attempt) {
+    constexpr bool kLast = kStage == kStages - 1;
+    V rate[kComponents];
+    V next[kComponents];
     V* y = attempt.y;
-    for (std::size_t i = 0; i < kComponents; ++i) y[i] = Load(l.y[i]);
-    for (std::size_t j = 0; j < kStage; ++j) {
-      const V weight = hn::Mul(attempt.h, Set(kA[kStage][j]));
-      for (std::size_t i = 0; i < kComponents; ++i) y[i] = hn::MulAdd(weight, Load(k[j][i]), y[i]);
-    }
-    if (kStage == kStages - 1) {
-      Normalise(y[kS1], y[kC1]);
-      Normalise(y[kSL], y[kCL]);
-    }
-    attempt.end = ClosedLoop(LoadConstants(l), y, k[kStage]);
+    const Constants g = LoadConstants(l);
+    const auto weight = [&](std::size_t j) HWY_ATTR {
+      return kLast ? Set(kE[j]) : hn::Mul(attempt.h, Set(kA[kLast ? 0 : kStage + 1][j]));
+    };
+    const auto sum = [&](bool early) HWY_ATTR {
+      for (std::size_t j = 0; j < kStage; ++j) {
+        const V w = weight(j);
+        for (std::size_t i = 0; i < kComponents; ++i) {
+          if (kKnownEarly[i] != early) continue;
+          const V rate_j = Load(j == 0 ? l.rate[i] : k[j][i]);
+          next[i] = kLast && j == 0 ? hn::Mul(w, rate_j) : hn::MulAdd(w, rate_j, j == 0 ? Load(l.y[i]) : next[i]);
+        }
+      }
+    };
+    const auto finish = [&](bool early) HWY_ATTR {
+      const V w = weight(kStage);
+      for (std::size_t i = 0; i < kComponents; ++i) {
+        if (kKnownEarly[i] != early) continue;
+        next[i] = hn::MulAdd(w, rate[i], next[i]);
+        Store(rate[i], k[kStage][i]);
+      }
+    };
+    const Geometry geometry = attempt.geometry;
+    attempt.end = ClosedLoop(g, y, geometry, rate, [&]() HWY_ATTR {
+      sum(true);
+      finish(true);
+      if (kStage == kStages - 2) Normalise(next[kSL], next[kCL]);
+      if (!kLast) attempt.geometry = GeometryOf(g, next);
+      sum(false);
+    });
     attempt.margin = hn::Min(attempt.margin, attempt.end.margin);
+    finish(false);
+    if (kStage == kStages - 2) Normalise(next[kS1], next[kC1]);
+    for (std::size_t i = 0; i < kComponents; ++i) (kLast ? attempt.error : y)[i] = next[i];
   }
 
   // V(x), ||u|| in the cost's unit, and the squared distance and epsilon^2, of the accepted state.
@@ -309,17 +379,32 @@ struct Kernel {
     return value;
   }
 
-  // An episode's first flight measures its errors against the size of the state, but not less than kFloor settling
+  // An episode's first flight measures its errors against the size of the state, but not less than 30 settling
   // distances: smaller ones do nothing to the cost, but they may put a sample on the wrong side of epsilon. Where that
-  // is in doubt the episode is flown again, finely (docs/model.md, "Integration").
-  enum class Flight { kFirst, kFine };
-  static constexpr double kFloor = 30;
+  // is in doubt the episode is flown again, with smaller errors at small distances, and where that does not settle it
+  // once more with much smaller ones everywhere (docs/model.md, "Integration").
+  static constexpr std::size_t kFlights = 3;
+  static constexpr double kFlightTolerance[kFlights] = {1, 0.5, 0.01};  // of the tolerance
+  static constexpr double kFlightFloor[kFlights] = {30, 1, 0.01};       // settling distances
   static constexpr double kLargestFloor = 0.03;
-  static constexpr double kFineFloor = 1e-2;
-  static constexpr double kFineTolerance = 1e-2;
-  // The part of the bound on errors that counts, by experience: in 10,000 random episodes, with gains of 0.03 to 30 and
-  // e_r up to 0.6, they were 0.066 of the bound at most.
-  static constexpr double kDoubt = 0.2;
+  // The part of the bound on errors that counts, by experience: at the default tolerance, of 17,000 episodes, random
+  // ones and near tuned gains, they were 0.13 of the bound at most.
+  static constexpr double kDoubt = 0.4;
+
+  // The slower an episode decays the more often it makes the same error, and the longer it keeps it. So the tolerance
+  // goes with the square of the halvings of sqrt(V) in a sampling period so far, is meant for kUsualRate of them, and
+  // is not stretched by more than 2^kLogMostPatience. Before an episode has shown its rate it is taken to have the
+  // usual one: kPrior halvings in kPriorSamples periods.
+  static constexpr double kPrior = 0.5, kPriorSamples = 10, kUsualRate = kPrior / kPriorSamples,
+                          kLogMostPatience = 2.64;
+
+  static HWY_INLINE V Patience(const Lanes& l, V sample, V log_root) {
+    const V first_log_root = hn::Mul(Set(0.5), RoughLog2(hn::Max(Load(l.first_lyapunov), Set(1e-300))));
+    const V halvings = hn::Add(hn::Sub(first_log_root, log_root), Set(kPrior));
+    const V periods = hn::MulAdd(sample, Set(kUsualRate), Set(kUsualRate * kPriorSamples));
+    const V log_rate = hn::Mul(Set(kLogScale), hn::Sub(LogBits(halvings), LogBits(periods)));
+    return RoughExp2(hn::Min(hn::Add(log_rate, log_rate), Set(kLogMostPatience)));
+  }
 
   // Books a sample for the lanes of `hit`, whose counter stands at it already.
   static HWY_INLINE void TakeSample(Lanes& l, M hit, const SampleValue& value) {
@@ -341,6 +426,7 @@ struct Kernel {
 
     // Errors decay as the state does, with sqrt(V); its power of two will do.
     const V log_root = hn::Mul(Set(0.5), RoughLog2(hn::Max(value.lyapunov, Set(1e-300))));
+    Store(hn::IfThenElse(hit, hn::Mul(Load(l.tolerance), Patience(l, sample, log_root)), Load(l.allowed)), l.allowed);
     const V drift = hn::MulAdd(Load(l.error), RoughExp2(hn::Neg(log_root)), Load(l.drift));
     Store(hn::IfThenElse(hit, drift, Load(l.drift)), l.drift);
     Store(hn::IfThenElse(hit, Set(0.0), Load(l.error)), l.error);
@@ -371,83 +457,83 @@ struct Kernel {
   // The squared error of an attempt, over h^2, of x (with x4's, in which a gain K3 shows) and, times |x|, of L_r.
   // Where the loop is stiff, h K > 1, a component's error counts (h K)^2 times: the control, which is what the cost is
   // made of, holds it K times.
-  static HWY_INLINE V SquaredError(const Constants& g, const Row (*k)[kComponents], const LoopValue& loop, V h,
-                                   V size2) {
-    V e[kComponents];
-    for (std::size_t i = 0; i < kComponents; ++i) {
-      e[i] = hn::Mul(Set(kE[0]), Load(k[0][i]));
-      for (std::size_t j = 1; j < kStages; ++j) e[i] = hn::MulAdd(Set(kE[j]), Load(k[j][i]), e[i]);
-    }
-    const V x4 = hn::MulAdd(hn::Mul(loop.inv_f12, g.k3), e[kX3], hn::MulAdd(hn::Mul(g.k1, loop.slope), e[kS1], e[kZ]));
+  static HWY_INLINE V SquaredError(const Constants& g, const V* HWY_RESTRICT e, const LoopValue& loop, V h, V size2) {
     const auto stiffness = [&](V gain) HWY_ATTR {
       const V rate = hn::Mul(h, gain);
       return hn::Max(Set(1.0), hn::Mul(rate, rate));
     };
-    const V weighted2 = hn::Mul(e[kX2], stiffness(g.k2));
-    const V weighted4 = hn::Mul(x4, stiffness(hn::Max(g.k3, g.k4)));
+    const V weight4 = stiffness(hn::Max(g.k3, g.k4));
     const V weight56 = stiffness(hn::Mul(g.minus_k5, hn::Mul(loop.half, loop.half)));
+    const V weighted2 = hn::Mul(e[kX2], stiffness(g.k2));
+    V sum = hn::MulAdd(weighted2, weighted2, hn::Mul(e[kX3], e[kX3]));
+    sum = hn::MulAdd(size2, hn::MulAdd(e[kSL], e[kSL], hn::Mul(e[kCL], e[kCL])), sum);
     const V sum56 = hn::MulAdd(e[kX5], e[kX5], hn::Mul(e[kX6], e[kX6]));
-    const V sum_l = hn::MulAdd(e[kSL], e[kSL], hn::Mul(e[kCL], e[kCL]));
-    V sum = hn::MulAdd(e[kS1], e[kS1], hn::MulAdd(e[kC1], e[kC1], hn::Mul(e[kX3], e[kX3])));
-    sum = hn::MulAdd(weighted2, weighted2, hn::MulAdd(weighted4, weighted4, sum));
-    return hn::MulAdd(hn::Mul(weight56, weight56), sum56, hn::MulAdd(size2, sum_l, sum));
+    sum = hn::MulAdd(hn::Mul(weight56, weight56), sum56, sum);
+    const V x4 = hn::MulAdd(hn::Mul(loop.inv_f12, g.k3), e[kX3], hn::MulAdd(hn::Mul(g.k1, loop.slope), e[kS1], e[kZ]));
+    const V weighted4 = hn::Mul(x4, weight4);
+    sum = hn::MulAdd(e[kS1], e[kS1], hn::MulAdd(e[kC1], e[kC1], sum));
+    return hn::MulAdd(weighted4, weighted4, sum);
   }
 
+  // The step controller's factors 0.2, 0.25, 0.88 and 5 as RoughExp2's arguments. The third, which a rejected step
+  // shrinks by at least, must be below the 0.9 of Step().
+  static constexpr double kLogLeast = -2.4, kLogOutside = -2.0, kLogSafety = -0.24, kLogMost = 2.25;
+
   // Decides each lane's attempt: accepts or rejects it, sets the next step size, books samples, notes ends.
-  static HWY_INLINE void Decide(Lanes& l, const Row (*k)[kComponents], const Attempt& attempt) {
+  static HWY_INLINE void Decide(Lanes& l, const Row (*k)[kComponents], Attempt& attempt) {
     const auto load = [&](const Row& row) HWY_ATTR { return Load(row); };
     const auto store = [&](V value, Row& row) HWY_ATTR { Store(value, row); };
     const V one = Set(1.0);
     const V h = attempt.h;
-    const V* y = attempt.y;
+    V* y = attempt.y;
     const LoopValue& loop = attempt.end;
     const Constants g = LoadConstants(l);
 
-    const Xi xi = XiOf(g, y, loop.f13, loop.inv_f12);
-    const V new_size2 = SquaredSize(y, hn::Add(y[kZ], xi.xi));
-    const V state2 = hn::Max(new_size2, load(l.size2));
-    const V error2 =
-        hn::Mul(SquaredError(g, k, loop, h, hn::Max(state2, hn::Mul(Set(1e-6), load(l.floor2)))), hn::Mul(h, h));
-    const V tolerated = hn::Max(hn::Mul(load(l.tolerance), h), Set(kRoundoff));
-    const V size2 = hn::Min(hn::Max(load(l.floor2), state2), Set(1e300));  // an infinite error is within no bound
+    const V tolerated = hn::Max(hn::Mul(load(l.allowed), h), Set(kRoundoff));
+    const V size2 =
+        hn::Min(hn::Max(load(l.floor2), load(l.size2)), Set(1e300));  // an infinite error is within no bound
     const V bound2 = hn::Mul(size2, hn::Mul(tolerated, tolerated));
     const V log_bound2 = RoughLog2(bound2);
-
+    const V minus_log_bound2 = hn::Sub(Set(kLogOffset), log_bound2);
     const M flying = hn::Eq(load(l.end), Set(kFlying));
     const M inside = hn::Gt(attempt.margin, Set(0.0));
-    const M accurate = hn::Le(error2, bound2);
-    const M accepted = hn::And(flying, hn::And(inside, accurate));
-
-    // Step size: Gustafsson's PI controller, as the scalar simulator's, in powers of two.
-    const V log_square = hn::Sub(RoughLog2(hn::Max(error2, Set(1e-300))), log_bound2);
-    const V log_error = hn::Max(hn::Mul(Set(0.5), log_square), Set(-33.0));
-    const V old_log = load(l.log_error);
-    V growth = hn::Mul(Set(0.88), RoughExp2(hn::MulAdd(Set(0.04), old_log, hn::Mul(Set(-0.21), log_error))));
-    growth = hn::Min(hn::Max(growth, Set(0.2)), load(l.grown));
-    V shrink = hn::Max(hn::Mul(Set(0.88), RoughExp2(hn::Mul(Set(-0.25), hn::Min(log_error, Set(100.0))))), Set(0.2));
-    shrink = hn::IfThenElse(hn::Lt(error2, Set(1e300)), shrink, Set(0.2));  // not a number, too
-    shrink = hn::IfThenElse(inside, shrink, Set(0.25));
+    const M may_be = hn::And(flying, inside);
     const V step = load(l.step);
-    const V grown = hn::Mul(h, growth);
-    // After a step cut short to meet a sample the error alone says how long it might have been.
-    const V might_be = hn::Max(step, hn::Mul(h, hn::Min(shrink, load(l.grown))));
-    const V accepted_step = hn::IfThenElse(hn::Lt(h, step), might_be, grown);
-    const V new_step = hn::IfThenElse(accepted, accepted_step, hn::Mul(h, shrink));
+    const M cut_short = hn::Lt(h, step);
+    const V old_log = load(l.log_error);
+    const V by_history = hn::MulAdd(Set(0.04), old_log, Set(kLogSafety));
+    const V error2 =
+        hn::Mul(SquaredError(g, attempt.error, loop, h, hn::Max(load(l.size2), hn::Mul(Set(1e-6), load(l.floor2)))),
+                hn::Mul(h, h));
+    const M accurate = hn::Le(error2, bound2);
+    const M accepted = hn::And(may_be, accurate);
+
+    // Step size: Gustafsson's PI controller, as the scalar simulator's, in powers of two. After a step cut short to
+    // meet a sample, and after a rejection, the error alone says how long it might have been. An error that is not a
+    // number counts as an infinite one.
+    const V log_square = hn::Max(hn::MulAdd(LogBits(error2), Set(kLogScale), minus_log_bound2), Set(-66.0));
+    V log_growth = hn::IfThenElse(hn::AndNot(cut_short, accepted), hn::MulAdd(Set(-0.105), log_square, by_history),
+                                  hn::MulAdd(Set(-0.125), log_square, Set(kLogSafety)));
+    log_growth = hn::Min(hn::Max(log_growth, Set(kLogLeast)), load(l.log_most));
+    log_growth = hn::IfThenElse(inside, log_growth, Set(kLogOutside));
+    V new_step = hn::Mul(h, RoughExp2(log_growth));
+    new_step = hn::IfThenElse(hn::And(accepted, cut_short), hn::Max(step, new_step), new_step);
     // A lane that has ended must not shrink its step into the subnormal numbers.
     store(hn::IfThenElse(flying, new_step, step), l.step);
-    store(hn::IfThenElse(accepted, hn::Max(log_error, Set(-13.0)), old_log), l.log_error);
-    store(hn::IfThenElse(accepted, Set(5.0), one), l.grown);
-    const V attempts = hn::Add(load(l.attempts), one);
-    store(attempts, l.attempts);
-    store(hn::IfThenElse(accepted, load(l.rejected), hn::Add(load(l.rejected), one)), l.rejected);
-
+    for (std::size_t i = 0; i < kComponents; ++i) {
+      store(hn::IfThenElse(accepted, Load(k[kStages - 1][i]), load(l.rate[i])), l.rate[i]);
+    }
+    for (std::size_t i = 0; i < kComponents; ++i) store(hn::IfThenElse(accepted, y[i], load(l.y[i])), l.y[i]);
     const V time = load(l.time);
     const V new_time = hn::IfThenElse(attempt.last, attempt.next_sample_time, hn::Add(time, h));
     store(hn::IfThenElse(accepted, new_time, time), l.time);
-    for (std::size_t i = 0; i < kComponents; ++i) {
-      store(hn::IfThenElse(accepted, y[i], load(l.y[i])), l.y[i]);
-      store(hn::IfThenElse(accepted, Load(k[kStages - 1][i]), load(l.rate[i])), l.rate[i]);
-    }
+    store(hn::IfThenElse(accepted, hn::Max(hn::Mul(Set(0.5), log_square), Set(-13.0)), old_log), l.log_error);
+    store(hn::IfThenElse(accepted, Set(kLogMost), hn::Zero(kD)), l.log_most);
+    const V attempts = hn::Add(load(l.attempts), one);
+    store(attempts, l.attempts);
+    store(hn::IfThenElse(accepted, load(l.rejected), hn::Add(load(l.rejected), one)), l.rejected);
+    const Xi xi = XiOf(g, y, loop.f13, loop.inv_f12);
+    const V new_size2 = SquaredSize(y, hn::Add(y[kZ], xi.xi));
     store(hn::IfThenElse(accepted, new_size2, load(l.size2)), l.size2);
     const V bound = RoughExp2(hn::Mul(Set(0.5), log_bound2));
     store(hn::IfThenElse(accepted, hn::Add(load(l.error), bound), load(l.error)), l.error);
@@ -455,13 +541,14 @@ struct Kernel {
     const M at_edge = hn::And(accepted, hn::Lt(attempt.margin, Set(kEdge)));
     const M stuck = hn::And(flying, hn::Or(hn::Lt(new_step, hn::Mul(Set(1e-13), hn::Max(one, time))),
                                            hn::Gt(attempts, load(l.max_attempts))));
-    const V a = hn::MulAdd(g.ex, load(l.y[kCL]), hn::MulAdd(g.ey, load(l.y[kSL]), hn::Add(one, load(l.y[kX3]))));
-    const V margin = hn::Min(a, hn::Add(one, load(l.y[kX2])));
-    V end = load(l.end);
-    end = hn::IfThenElse(stuck, hn::IfThenElse(hn::Lt(margin, Set(kNearEdge)), Set(kAtEdge), Set(kStuck)), end);
-    end = hn::IfThenElse(at_edge, Set(kAtEdge), end);
-    store(end, l.end);
-    const M hit = hn::And(accepted, hn::AndNot(hn::Or(at_edge, stuck), attempt.last));
+    const M ended = hn::Or(at_edge, stuck);
+    if (!hn::AllFalse(kD, ended)) {
+      const V a = hn::MulAdd(g.ex, load(l.y[kCL]), hn::MulAdd(g.ey, load(l.y[kSL]), hn::Add(one, load(l.y[kX3]))));
+      const M near_edge = hn::Lt(hn::Min(a, hn::Add(one, load(l.y[kX2]))), Set(kNearEdge));
+      const V how = hn::IfThenElse(hn::Or(at_edge, near_edge), Set(kAtEdge), Set(kStuck));
+      store(hn::IfThenElse(ended, how, load(l.end)), l.end);
+    }
+    const M hit = hn::And(accepted, hn::AndNot(ended, attempt.last));
     if (!hn::AllFalse(kD, hit)) {
       store(hn::IfThenElse(hit, hn::Add(load(l.sample), one), load(l.sample)), l.sample);
       TakeSample(l, hit, ValueAtSample(l, g, y, k[kStages - 1], loop, xi));
@@ -477,14 +564,15 @@ struct Kernel {
     const V remaining = hn::Sub(attempt.next_sample_time, Load(l.time));
     const V step = Load(l.step);
     // One step to the sample, or two, may be a little longer than asked for: that is what the safety factor is for.
-    const V longest = hn::Mul(step, Set(1 / 0.9));
     const V half = hn::Mul(remaining, Set(0.5));
-    attempt.last = hn::Ge(longest, remaining);
-    attempt.h = hn::IfThenElse(attempt.last, remaining, hn::IfThenElse(hn::Ge(longest, half), half, step));
+    attempt.last = hn::Ge(step, hn::Mul(Set(0.9), remaining));
+    attempt.h = hn::IfThenElse(hn::Ge(step, hn::Mul(Set(0.45), remaining)),
+                               hn::IfThenElse(attempt.last, remaining, half), step);
     attempt.margin = Set(1.0);
     for (std::size_t i = 0; i < kComponents; ++i) {
-      Store(Load(l.rate[i]), k[0][i]);
+      attempt.y[i] = hn::MulAdd(hn::Mul(attempt.h, Set(kA[1][0])), Load(l.rate[i]), Load(l.y[i]));
     }
+    attempt.geometry = GeometryOf(LoadConstants(l), attempt.y);
     Stage<1>(l, k, attempt);
     Stage<2>(l, k, attempt);
     Stage<3>(l, k, attempt);
@@ -510,12 +598,15 @@ struct Kernel {
     y[kCL] = target.cos;
     const V x4 = std::exchange(y[kZ], Set(0.0));
     const Constants g = LoadConstants(l);
-    alignas(64) Row rate[kComponents];
-    const LoopValue planar = ClosedLoop(g, y, rate);  // xi does not depend on z
+    V rates[kComponents];
+    const auto nothing = []() HWY_ATTR {};
+    const LoopValue planar = ClosedLoop(g, y, GeometryOf(g, y), rates, nothing);  // xi does not depend on z
     const Xi xi = XiOf(g, y, planar.f13, planar.inv_f12);
     y[kZ] = hn::Sub(x4, xi.xi);
-    const LoopValue loop = ClosedLoop(g, y, rate);
+    const LoopValue loop = ClosedLoop(g, y, GeometryOf(g, y), rates, nothing);
+    alignas(64) Row rate[kComponents];
     for (std::size_t i = 0; i < kComponents; ++i) {
+      Store(rates[i], rate[i]);
       keep(y[i], l.y[i]);
       keep(Load(rate[i]), l.rate[i]);
     }
@@ -524,7 +615,7 @@ struct Kernel {
   }
 
   // Puts an episode into a lane.
-  static void Load(Lanes& l, std::size_t lane, const LaneEpisode& e, std::size_t index, Flight flight) {
+  static void Load(Lanes& l, std::size_t lane, const LaneEpisode& e, std::size_t index, std::size_t flight) {
     const auto set = [&](Row& row, double value) { row[lane] = value; };
     set(l.k1, e.k[0]);
     set(l.k2, e.k[1]);
@@ -541,14 +632,12 @@ struct Kernel {
     set(l.settled_below, e.settled_below);
     set(l.exit_below, e.early_exit ? e.settled_below : -1);
     set(l.control_scale, 1 / e.control_unit);
-    const bool fine = flight == Flight::kFine;
-    set(l.fine, fine ? 1 : 0);
-    set(l.tolerance, (fine ? kFineTolerance : 1) * e.tolerance / e.sampling_period);
-    const double floor =
-        fine ? kFineFloor * e.settling_distance : std::min(kFloor * e.settling_distance, kLargestFloor);
+    set(l.flight, static_cast<double>(flight));
+    set(l.tolerance, kFlightTolerance[flight] * e.tolerance / e.sampling_period);
+    const double floor = std::min(kFlightFloor[flight] * e.settling_distance, kLargestFloor);
     set(l.floor2, floor * floor);
     const double q = 1 - std::sqrt(e.ex * e.ex + e.ey * e.ey);
-    set(l.doubt, fine ? 0 : 2 * kDoubt / (q * q * e.settling_distance));
+    set(l.doubt, flight == kFlights - 1 ? 0 : 2 * kDoubt / (q * q * e.settling_distance));
     set(l.max_attempts, e.max_attempts);
     set(l.y[kS1], e.x[0]);
     set(l.y[kX2], e.x[1]);
@@ -560,7 +649,7 @@ struct Kernel {
     set(l.time, 0);
     set(l.step, e.sampling_period / 8);
     set(l.log_error, -13);
-    set(l.grown, 5);
+    set(l.log_most, kLogMost);
     for (Row* row : {&l.sample, &l.attempts, &l.rejected, &l.error, &l.drift, &l.settling, &l.fuel, &l.settling_fuel,
                      &l.doubtful, &l.end}) {
       set(*row, 0);
@@ -580,7 +669,7 @@ struct Kernel {
                            .control_unit = 1,
                            .tolerance = 1e-3,
                            .max_attempts = 1};
-    Load(l, lane, idle, 0, Flight::kFine);
+    Load(l, lane, idle, 0, kFlights - 1);
     l.end[lane] = kIdle;
   }
 
@@ -636,17 +725,17 @@ struct Kernel {
           use.used_lane_steps += static_cast<std::int64_t>(lanes.attempts[lane]);
           if (lanes.end[lane] == kAtRest && lanes.doubtful[lane] != 0) {
             results[index] = Unload(lanes, lane);
-            Load(lanes, lane, episodes[index], index, Flight::kFine);
+            Load(lanes, lane, episodes[index], index, static_cast<std::size_t>(lanes.flight[lane]) + 1);
             fresh[lane] = 1;
             continue;
           }
-          // A fine flight that takes too many steps leaves what the first one had.
-          if (lanes.end[lane] != kStuck || lanes.fine[lane] == 0) results[index] = Unload(lanes, lane);
+          // A later flight that takes too many steps leaves what the one before had.
+          if (lanes.end[lane] != kStuck || lanes.flight[lane] == 0) results[index] = Unload(lanes, lane);
           lanes.end[lane] = kIdle;
           --flying;
         }
         if (next == n) continue;
-        Load(lanes, lane, episodes[next], next, Flight::kFirst);
+        Load(lanes, lane, episodes[next], next, 0);
         ++next;
         ++flying;
         fresh[lane] = 1;
