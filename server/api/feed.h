@@ -2,6 +2,7 @@
 // that what is held for a slow reader is bounded and one write at a time is in flight.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -127,6 +128,9 @@ class Feeds {
   // A feed that `open` makes; RESOURCE_EXHAUSTED with the limit where its owner may have no more.
   absl::StatusOr<std::shared_ptr<Feed>> Open(FeedOwner owner, const std::function<std::shared_ptr<Feed>()>& open);
 
+  // Whether so many watch that they take what is left of the processors.
+  bool crowded() const { return all_watchers_ > kCrowd; }
+
   void EndThoseOf(const std::string& credential_id, const absl::Status& status);
 
   // Ends every feed with UNAVAILABLE, and every later one at once.
@@ -140,6 +144,8 @@ class Feeds {
   Counts Count();
 
  private:
+  static constexpr int kCrowd = 64;
+
   struct Held {
     std::weak_ptr<Feed> feed;
     FeedOwner owner;
@@ -156,8 +162,8 @@ class Feeds {
   // Guarded by mutex_.
   std::map<const Feed*, Held> feeds_;
   std::map<std::string, int> watchers_;  // by client; some may be about to be opened
-  int all_watchers_ = 0;
   bool drained_ = false;
+  std::atomic<int> all_watchers_ = 0;  // written under it
 };
 
 }  // namespace orbitune

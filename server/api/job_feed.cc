@@ -1,7 +1,6 @@
 #include "server/api/job_feed.h"
 
 #include <algorithm>
-#include <atomic>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -64,10 +63,10 @@ class JobFeed final : public Feed {
   }
 
  private:
+  Executor& executor() { return context_.executors.ForStreams(context_.feeds.crowded()); }
+
   void Post(void (JobFeed::*task)()) {
-    context_.executors.For(Work::kStream).Post([self = std::static_pointer_cast<JobFeed>(shared_from_this()), task] {
-      (*self.*task)();
-    });
+    executor().Post([self = std::static_pointer_cast<JobFeed>(shared_from_this()), task] { (*self.*task)(); });
   }
 
   // On the executor: the snapshot, before anything else.
@@ -76,7 +75,7 @@ class JobFeed final : public Feed {
     if (!id.ok()) return End(id.status());
     id_ = *id;
     // Before the snapshot is read: what is committed after it then wakes us.
-    auto subscription = context_.use_cases.hub().Subscribe(id_, [this] { Wake(); });
+    auto subscription = context_.use_cases.hub().SubscribeOnDemand(id_, [this] { Wake(); });
     const auto job = context_.use_cases.GetJob(id_);
     std::unique_lock lock(mutex_);
     if (end_) return;
@@ -112,7 +111,7 @@ class JobFeed final : public Feed {
     {
       const std::lock_guard lock(mutex_);
       after = sent_seq_;
-      caught_up_ = true;  // unless a wake comes while the store is read
+      caught_up_ = true;  // unless something is published while the store is read
     }
     // Where many are at one place, one of them reads it for all.
     std::vector<StreamPart> parts = context_.messages.After(id_, after, kPage);
@@ -142,20 +141,12 @@ class JobFeed final : public Feed {
     }
   }
 
-  // From the hub, under its lock: nothing here may wait for mutex_, under which the hub is called. Costs next to
-  // nothing where nobody waits for news.
+  // From the hub, under its lock: nothing here may wait for mutex_, under which the hub is called.
   void Wake() {
-    news_ = true;
-    if (!idle_ || waking_.exchange(true)) return;
     // Not while the last holder is letting go.
     if (auto self = std::static_pointer_cast<JobFeed>(weak_from_this().lock())) {
-      context_.executors.For(Work::kStream).Post([self = std::move(self)] { self->Woken(); });
+      executor().Post([self = std::move(self)] { self->Step(std::unique_lock(self->mutex_)); });
     }
-  }
-
-  void Woken() {
-    waking_ = false;
-    Step(std::unique_lock(mutex_));
   }
 
   // Under the lock.
@@ -192,7 +183,6 @@ class JobFeed final : public Feed {
     Batch batch;
     batch.end = end_;
     if (!end_) batch.parts = TakeFront(outbox_, limit_);
-    idle_ = false;
     const Taken taken = std::exchange(taken_, nullptr);
     lock.unlock();
     taken(std::move(batch));
@@ -210,14 +200,14 @@ class JobFeed final : public Feed {
         subscription_ = {};
         return true;
       }
-      idle_ = true;   // from here on a wake posts a task
-    } while (news_);  // one that came just before did not
+    } while (!context_.use_cases.hub().WakeAtNext(subscription_, seen_));
     return false;
   }
 
   // Under the lock: takes what is new. False if the store has to be read first: that is under way then.
   bool Pull() {
-    if (news_.exchange(false)) caught_up_ = false;
+    const std::uint64_t publications = subscription_.publications();
+    if (std::exchange(seen_, publications) != publications) caught_up_ = false;
     while (!ended_) {
       std::vector<StreamPart> parts = context_.messages.After(id_, sent_seq_, kPage);
       if (parts.empty()) {
@@ -246,10 +236,7 @@ class JobFeed final : public Feed {
   const v1::WatchJobRequest request_;
   const JobFeedContext context_;
 
-  std::string id_;                    // set by Open
-  std::atomic<bool> news_ = false;    // a wake has come since the hub was last asked
-  std::atomic<bool> idle_ = false;    // Next waits for a wake
-  std::atomic<bool> waking_ = false;  // a wake is posted that has not begun
+  std::string id_;  // set by Open
 
   std::mutex mutex_;
   // Guarded by mutex_.
@@ -261,7 +248,8 @@ class JobFeed final : public Feed {
   bool asked_ = false;
   bool opened_ = false;
   bool filling_ = false;
-  bool caught_up_ = false;  // the store has been read to its end (or is being), and no wake has come since
+  std::uint64_t seen_ = 0;  // publications when the hub was last asked
+  bool caught_up_ = false;  // the store has been read to its end (or is being), and nothing was published since
   bool ended_ = false;      // the event that ends the job is in the outbox, or sent
   std::optional<absl::Status> end_;
 

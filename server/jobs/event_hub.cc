@@ -11,6 +11,7 @@ EventHub::Subscription& EventHub::Subscription::operator=(Subscription&& other) 
   std::swap(hub_, other.hub_);
   std::swap(job_id_, other.job_id_);
   std::swap(key_, other.key_);
+  std::swap(publications_, other.publications_);
   return *this;
 }
 
@@ -25,15 +26,34 @@ void EventHub::Publish(const std::string& job_id, JobEvent event) {
   Channel& channel = channels_[job_id];
   channel.recent.push_back(std::move(shared));
   if (channel.recent.size() > kept_per_job_) channel.recent.pop_front();
+  ++*channel.publications;
   // Under the lock, so that a subscription's end means that its wake function has returned.
   for (const auto& [key, wake] : channel.watchers) wake();
+  for (const std::uint64_t key : std::exchange(channel.asked, {})) channel.on_demand.at(key)();
 }
 
 EventHub::Subscription EventHub::Subscribe(const std::string& job_id, Wake wake) {
+  return Add(job_id, &Channel::watchers, std::move(wake));
+}
+
+EventHub::Subscription EventHub::SubscribeOnDemand(const std::string& job_id, Wake wake) {
+  return Add(job_id, &Channel::on_demand, std::move(wake));
+}
+
+EventHub::Subscription EventHub::Add(const std::string& job_id, std::map<std::uint64_t, Wake> Channel::*to, Wake wake) {
   const std::lock_guard lock(mutex_);
   const std::uint64_t key = ++next_key_;
-  channels_[job_id].watchers.emplace(key, std::move(wake));
-  return {this, job_id, key};
+  Channel& channel = channels_[job_id];
+  (channel.*to).emplace(key, std::move(wake));
+  return {this, job_id, key, channel.publications};
+}
+
+bool EventHub::WakeAtNext(const Subscription& subscription, std::uint64_t seen) {
+  const std::lock_guard lock(mutex_);
+  Channel& channel = channels_.at(subscription.job_id_);
+  if (*channel.publications != seen) return false;
+  channel.asked.insert(subscription.key_);
+  return true;
 }
 
 void EventHub::Unsubscribe(const std::string& job_id, std::uint64_t key) {
@@ -41,7 +61,9 @@ void EventHub::Unsubscribe(const std::string& job_id, std::uint64_t key) {
   const auto channel = channels_.find(job_id);
   if (channel == channels_.end()) return;
   channel->second.watchers.erase(key);
-  if (channel->second.watchers.empty() && channel->second.recent.empty()) channels_.erase(channel);
+  channel->second.on_demand.erase(key);
+  channel->second.asked.erase(key);
+  if (channel->second.IsIdle()) channels_.erase(channel);
 }
 
 EventHub::Recent EventHub::After(const std::string& job_id, std::int64_t after_seq, std::size_t limit) const {
@@ -68,7 +90,7 @@ void EventHub::Forget(const std::string& job_id) {
   const auto channel = channels_.find(job_id);
   if (channel == channels_.end()) return;
   channel->second.recent.clear();
-  if (channel->second.watchers.empty()) channels_.erase(channel);
+  if (channel->second.IsIdle()) channels_.erase(channel);
 }
 
 }  // namespace orbitune

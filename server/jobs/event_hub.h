@@ -2,11 +2,14 @@
 // ones are the store's: a watcher that lags reads them there, and delays nobody.
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <deque>
 #include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -18,7 +21,7 @@ namespace orbitune {
 class EventHub {
  public:
   using Event = std::shared_ptr<const JobEvent>;
-  // Called after each publication, on the publisher's thread; must not block nor call the hub back.
+  // Called on the publisher's thread; must not block nor call the hub back.
   using Wake = std::function<void()>;
 
   // Ends with the object: after its destruction the wake function is not called any more, nor running.
@@ -29,13 +32,18 @@ class EventHub {
     Subscription& operator=(Subscription&& other) noexcept;
     ~Subscription();
 
+    // How many there have been for the job since somebody subscribed to it.
+    std::uint64_t publications() const { return *publications_; }
+
    private:
     friend class EventHub;
-    Subscription(EventHub* hub, std::string job_id, std::uint64_t key)
-        : hub_(hub), job_id_(std::move(job_id)), key_(key) {}
+    using Count = std::shared_ptr<const std::atomic<std::uint64_t>>;
+    Subscription(EventHub* hub, std::string job_id, std::uint64_t key, Count publications)
+        : hub_(hub), job_id_(std::move(job_id)), key_(key), publications_(std::move(publications)) {}
     EventHub* hub_ = nullptr;
     std::string job_id_;
     std::uint64_t key_ = 0;
+    Count publications_;
   };
 
   static constexpr std::size_t kKeptPerJob = 256;
@@ -50,7 +58,15 @@ class EventHub {
   // In the order of seq, for each job.
   void Publish(const std::string& job_id, JobEvent event);
 
+  // Woken after each publication.
   Subscription Subscribe(const std::string& job_id, Wake wake);
+
+  // Woken when it has asked to be, so that a publication costs nothing for whoever is busy with those before it.
+  Subscription SubscribeOnDemand(const std::string& job_id, Wake wake);
+
+  // Wakes the subscription, made on demand, after the next publication, once. False where there have been others than
+  // the `seen` first ones: it is not woken then.
+  bool WakeAtNext(const Subscription& subscription, std::uint64_t seen);
 
   struct Recent {
     std::vector<Event> events;  // in order, from after_seq + 1 on, dense
@@ -68,9 +84,15 @@ class EventHub {
  private:
   struct Channel {
     std::deque<Event> recent;  // dense in seq
-    std::map<std::uint64_t, Wake> watchers;
+    const std::shared_ptr<std::atomic<std::uint64_t>> publications = std::make_shared<std::atomic<std::uint64_t>>(0);
+    std::map<std::uint64_t, Wake> watchers;   // of every publication
+    std::map<std::uint64_t, Wake> on_demand;  // those who have to ask
+    std::set<std::uint64_t> asked;            // of them
+
+    bool IsIdle() const { return recent.empty() && watchers.empty() && on_demand.empty(); }
   };
 
+  Subscription Add(const std::string& job_id, std::map<std::uint64_t, Wake> Channel::*to, Wake wake);
   void Unsubscribe(const std::string& job_id, std::uint64_t key);
 
   const std::size_t kept_per_job_;

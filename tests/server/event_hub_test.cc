@@ -4,8 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <chrono>
+#include <memory>
 #include <optional>
+#include <semaphore>
 #include <thread>
+#include <vector>
 
 namespace orbitune {
 namespace {
@@ -109,6 +113,49 @@ TEST(EventHub, AMovedSubscriptionIsOneSubscription) {
   EXPECT_EQ(wakes, 1);
 }
 
+TEST(EventHub, OnDemandIsWokenOnceEveryTimeItAsks) {
+  EventHub hub;
+  int wakes = 0;
+  const EventHub::Subscription subscription = hub.SubscribeOnDemand("a", [&] { ++wakes; });
+  PublishUpTo(hub, "a", 1, 2);
+  EXPECT_EQ(wakes, 0);
+  EXPECT_EQ(subscription.publications(), 2);
+  ASSERT_TRUE(hub.WakeAtNext(subscription, 2));
+  ASSERT_TRUE(hub.WakeAtNext(subscription, 2));  // to ask again is to ask once
+  hub.Publish("b", EventOf(1));
+  EXPECT_EQ(wakes, 0);
+  PublishUpTo(hub, "a", 3, 5);
+  EXPECT_EQ(wakes, 1);
+  ASSERT_TRUE(hub.WakeAtNext(subscription, 5));
+  hub.Publish("a", EventOf(6));
+  EXPECT_EQ(wakes, 2);
+}
+
+TEST(EventHub, OnDemandIsNotMadeToWaitForWhatHasBeenPublished) {
+  EventHub hub;
+  int wakes = 0;
+  const EventHub::Subscription subscription = hub.SubscribeOnDemand("a", [&] { ++wakes; });
+  PublishUpTo(hub, "a", 1, 3);
+  EXPECT_FALSE(hub.WakeAtNext(subscription, 2));
+  hub.Publish("a", EventOf(4));
+  EXPECT_EQ(wakes, 0);
+}
+
+TEST(EventHub, ForgetAndTheEndOfOthersLeaveWhoeverAsked) {
+  EventHub hub;
+  int wakes = 0;
+  const EventHub::Subscription subscription = hub.SubscribeOnDemand("a", [&] { ++wakes; });
+  {
+    const EventHub::Subscription other = hub.SubscribeOnDemand("a", [] { FAIL() << "its subscription has ended"; });
+    hub.Publish("a", EventOf(1));
+    ASSERT_TRUE(hub.WakeAtNext(subscription, 1));
+    ASSERT_TRUE(hub.WakeAtNext(other, 1));
+  }
+  hub.Forget("a");
+  hub.Publish("a", EventOf(2));
+  EXPECT_EQ(wakes, 1);
+}
+
 // What the wake function uses may go as soon as the subscription has.
 TEST(EventHub, NoWakeRunsOnceItsSubscriptionIsGone) {
   EventHub hub(8);
@@ -125,7 +172,11 @@ TEST(EventHub, NoWakeRunsOnceItsSubscriptionIsGone) {
     watchers.emplace_back([&] {
       for (int round = 0; round < 200; ++round) {
         auto counter = std::make_unique<int>(0);
-        const EventHub::Subscription subscription = hub.Subscribe("a", [&counter = *counter] { ++counter; });
+        const auto wake = [&counter = *counter] { ++counter; };
+        const bool on_demand = round % 2 == 0;
+        const EventHub::Subscription subscription =
+            on_demand ? hub.SubscribeOnDemand("a", wake) : hub.Subscribe("a", wake);
+        if (on_demand) hub.WakeAtNext(subscription, subscription.publications());
         hub.After("a", round, 4);
         if (round % 3 == 0) std::this_thread::yield();
       }  // the subscription goes first, then the counter
@@ -151,6 +202,32 @@ TEST(EventHub, ReadersBesideAPublisherMissNothing) {
     });
   }
   PublishUpTo(hub, "a", 1, kEvents);
+  for (std::thread& reader : readers) reader.join();
+}
+
+// Whoever sleeps until it is woken sees every event, too.
+TEST(EventHub, NoWakeAskedForIsLost) {
+  constexpr std::int64_t kEvents = 2000;
+  EventHub hub(kEvents);
+  std::vector<std::thread> readers;
+  for (int i = 0; i < 3; ++i) {
+    readers.emplace_back([&] {
+      std::counting_semaphore<> woken(0);
+      const EventHub::Subscription subscription = hub.SubscribeOnDemand("a", [&] { woken.release(); });
+      std::int64_t seen = 0;
+      while (seen < kEvents) {
+        const std::uint64_t publications = subscription.publications();
+        for (const EventHub::Event& event : hub.After("a", seen, kEvents).events) ASSERT_EQ(event->seq, ++seen);
+        if (seen < kEvents && hub.WakeAtNext(subscription, publications)) {
+          ASSERT_TRUE(woken.try_acquire_for(std::chrono::seconds(60))) << "after event " << seen;
+        }
+      }
+    });
+  }
+  for (std::int64_t seq = 1; seq <= kEvents; ++seq) {
+    hub.Publish("a", EventOf(seq));
+    if (seq % 7 == 0) std::this_thread::yield();  // so that some fall asleep
+  }
   for (std::thread& reader : readers) reader.join();
 }
 
