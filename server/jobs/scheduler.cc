@@ -97,21 +97,19 @@ void Scheduler::Stop() {
     for (const auto& [id, entry] : entries_) {
       if (entry->run != nullptr) entry->run->MarkUnwanted();
     }
+    Signal();
   }
-  Signal();
   for (std::thread& worker : workers_) worker.join();
   workers_.clear();
   store_.Flush();  // its callbacks point here
 }
 
 void Scheduler::Add(const JobRecord& created) {
-  {
-    const std::lock_guard lock(mutex_);
-    // A repeated request may bring a job that is here already.
-    if (entries_.contains(created.id)) return;
-    PutIntoQueue(AddEntry(created));
-    StartWaiting();
-  }
+  const std::lock_guard lock(mutex_);
+  // A repeated request may bring a job that is here already.
+  if (entries_.contains(created.id)) return;
+  PutIntoQueue(AddEntry(created));
+  StartWaiting();
   Signal();
 }
 
@@ -165,7 +163,6 @@ void Scheduler::Transition(const std::string& id, const std::string& etag, std::
   ChangeState(*entry, {.state = to}, std::move(done));
   if (to == JobState::kQueued) PutIntoQueue(entry);
   StartWaiting();
-  lock.unlock();
   Signal();
 }
 

@@ -167,7 +167,7 @@ class Scheduler {
   std::uint64_t begun_ = 0;                   // jobs so far
   double served_ = 0;                         // what the client served last had had
   bool stopping_ = false;
-  // Counts signals; written under mutex_ or not, read while waiting for one.
+  // Counts signals; written under mutex_, read while waiting for one.
   std::atomic<std::uint64_t> signals_ = 0;
 
   std::vector<std::thread> workers_;

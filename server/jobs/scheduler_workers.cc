@@ -74,7 +74,7 @@ bool Scheduler::AwaitChunk(Chunk& chunk, Lock& lock) {
   }
 }
 
-// There may be work, or an end to it. To be called after a change under mutex_.
+// mutex_ held, so that no worker is between looking at signals_ and its sleep. There may be work, or an end to it.
 void Scheduler::Signal() {
   ++signals_;
   work_.notify_all();
@@ -182,11 +182,8 @@ void Scheduler::FinishReport(Entry& entry, JobRun& run) {
 }
 
 void Scheduler::Committed(const EntryPtr& entry) {
-  {
-    const std::lock_guard lock(mutex_);
-    if (entry->uncommitted-- < options_.max_uncommitted_iterations) return;
-  }
-  Signal();
+  const std::lock_guard lock(mutex_);
+  if (entry->uncommitted-- == options_.max_uncommitted_iterations) Signal();
 }
 
 }  // namespace orbitune
