@@ -128,7 +128,7 @@ class Feeds {
   // A feed that `open` makes; RESOURCE_EXHAUSTED with the limit where its owner may have no more.
   absl::StatusOr<std::shared_ptr<Feed>> Open(FeedOwner owner, const std::function<std::shared_ptr<Feed>()>& open);
 
-  // Whether so many watch that they take what is left of the processors.
+  // Whether so many streams are open that those of jobs take what is left of the processors.
   bool crowded() const { return all_watchers_ > kCrowd; }
 
   void EndThoseOf(const std::string& credential_id, const absl::Status& status);

@@ -221,6 +221,8 @@ void Scheduler::Refused(const EntryPtr& entry, const absl::Status& status) {
   Halt(*entry);
   DropRun(*entry);
   Forget(entry);
+  StartWaiting();
+  Signal();
 }
 
 }  // namespace orbitune
