@@ -392,18 +392,19 @@ struct Kernel {
   static constexpr double kDoubt = 0.4;
 
   // The slower an episode decays the more often it makes the same error, and the longer it keeps it. So the tolerance
-  // goes with the square of the halvings of sqrt(V) in a sampling period so far, is meant for kUsualRate of them, and
-  // is not stretched by more than 2^kLogMostPatience. Before an episode has shown its rate it is taken to have the
-  // usual one: kPrior halvings in kPriorSamples periods.
+  // goes with the square of the halvings of sqrt(V) in a sampling period so far, and is meant for kUsualRate of them.
+  // Before an episode has shown its rate it is taken to have the usual one: kPrior halvings in kPriorSamples periods.
+  // The last flight, whose samples count as they come, is given no more than what was asked for.
   static constexpr double kPrior = 0.5, kPriorSamples = 10, kUsualRate = kPrior / kPriorSamples,
-                          kLogMostPatience = 2.64;
+                          kLogMostPatience = 2.64, kLogLeastPatience = -4;
 
   static HWY_INLINE V Patience(const Lanes& l, V sample, V log_root) {
     const V first_log_root = hn::Mul(Set(0.5), RoughLog2(hn::Max(Load(l.first_lyapunov), Set(1e-300))));
-    const V halvings = hn::Add(hn::Sub(first_log_root, log_root), Set(kPrior));
+    const V halvings = hn::Add(hn::Max(hn::Sub(first_log_root, log_root), Set(0.0)), Set(kPrior));
     const V periods = hn::MulAdd(sample, Set(kUsualRate), Set(kUsualRate * kPriorSamples));
-    const V log_rate = hn::Mul(Set(kLogScale), hn::Sub(LogBits(halvings), LogBits(periods)));
-    return RoughExp2(hn::Min(hn::Add(log_rate, log_rate), Set(kLogMostPatience)));
+    const V log_square = hn::Mul(Set(2 * kLogScale), hn::Sub(LogBits(halvings), LogBits(periods)));
+    const V most = hn::IfThenElse(hn::Eq(Load(l.flight), Set(kFlights - 1)), Set(0.0), Set(kLogMostPatience));
+    return RoughExp2(hn::Max(hn::Min(log_square, most), Set(kLogLeastPatience)));
   }
 
   // Books a sample for the lanes of `hit`, whose counter stands at it already.
