@@ -72,7 +72,6 @@ Api::Api(UseCases& use_cases, CampaignUseCases& campaigns, GainUseCases& gains, 
 }
 
 Api::~Api() {
-  feeds_.Drain();  // what still runs on one executor must not post to another
   if (access_ != nullptr) access_->OnCredentialEnd(nullptr);
 }
 

@@ -66,8 +66,6 @@ class Api {
 
   // For what a transport has to do that may block.
   Executors& executors() { return executors_; }
-  // Where a stream's transport does what it must not do itself.
-  Executor& stream_executor() { return executors_.ForStreams(feeds_.crowded()); }
 
   // Ends every stream with UNAVAILABLE, and every later one at once; likewise calls, and those under way that ask now
   // and then whether they are wanted.

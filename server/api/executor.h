@@ -88,7 +88,6 @@ class Executors {
   explicit Executors(const ExecutorLimits& limits = {});
 
   Executor& For(Work work);
-  Executor& ForStreams(bool crowded) { return For(crowded ? Work::kCrowd : Work::kStream); }
 
  private:
   Executor reads_;

@@ -2,7 +2,6 @@
 // that what is held for a slow reader is bounded and one write at a time is in flight.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -128,9 +127,6 @@ class Feeds {
   // A feed that `open` makes; RESOURCE_EXHAUSTED with the limit where its owner may have no more.
   absl::StatusOr<std::shared_ptr<Feed>> Open(FeedOwner owner, const std::function<std::shared_ptr<Feed>()>& open);
 
-  // Whether so many streams are open that those of jobs take what is left of the processors.
-  bool crowded() const { return all_watchers_ > kCrowd; }
-
   void EndThoseOf(const std::string& credential_id, const absl::Status& status);
 
   // Ends every feed with UNAVAILABLE, and every later one at once.
@@ -144,8 +140,6 @@ class Feeds {
   Counts Count();
 
  private:
-  static constexpr int kCrowd = 64;
-
   struct Held {
     std::weak_ptr<Feed> feed;
     FeedOwner owner;
@@ -162,8 +156,8 @@ class Feeds {
   // Guarded by mutex_.
   std::map<const Feed*, Held> feeds_;
   std::map<std::string, int> watchers_;  // by client; some may be about to be opened
+  int all_watchers_ = 0;
   bool drained_ = false;
-  std::atomic<int> all_watchers_ = 0;  // written under it
 };
 
 }  // namespace orbitune

@@ -63,10 +63,10 @@ class JobFeed final : public Feed {
   }
 
  private:
-  Executor& executor() { return context_.executors.ForStreams(context_.feeds.crowded()); }
-
   void Post(void (JobFeed::*task)()) {
-    executor().Post([self = std::static_pointer_cast<JobFeed>(shared_from_this()), task] { (*self.*task)(); });
+    context_.executors.For(Work::kStream).Post([self = std::static_pointer_cast<JobFeed>(shared_from_this()), task] {
+      (*self.*task)();
+    });
   }
 
   // On the executor: the snapshot, before anything else.
@@ -145,7 +145,9 @@ class JobFeed final : public Feed {
   void Wake() {
     // Not while the last holder is letting go.
     if (auto self = std::static_pointer_cast<JobFeed>(weak_from_this().lock())) {
-      executor().Post([self = std::move(self)] { self->Step(std::unique_lock(self->mutex_)); });
+      context_.executors.For(Work::kStream).Post([self = std::move(self)] {
+        self->Step(std::unique_lock(self->mutex_));
+      });
     }
   }
 
@@ -200,7 +202,7 @@ class JobFeed final : public Feed {
         subscription_ = {};
         return true;
       }
-    } while (!context_.use_cases.hub().WakeAtNext(subscription_, seen_));
+    } while (!subscription_.WakeAtNext(seen_));
     return false;
   }
 

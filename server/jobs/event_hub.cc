@@ -1,9 +1,53 @@
 #include "server/jobs/event_hub.h"
 
 #include <algorithm>
+#include <atomic>
 #include <utility>
 
 namespace orbitune {
+
+// Who is woken on demand.
+struct EventHub::Watcher {
+  const Wake wake;
+  std::atomic<bool> asked = false;  // it is in the list, or about to be
+  Watcher* next = nullptr;          // there
+};
+
+// What the watchers of a job look at without the hub's lock.
+struct EventHub::News {
+  std::atomic<std::uint64_t> publications = 0;
+  std::atomic<Watcher*> asked = nullptr;  // a list
+
+  void Add(Watcher& watcher) {
+    watcher.next = asked;
+    while (!asked.compare_exchange_weak(watcher.next, &watcher)) {
+    }
+  }
+  // Calls `act` with each of the list, which is empty then.
+  template <typename Act>
+  void TakeAll(Act act) {
+    for (Watcher* watcher = asked.exchange(nullptr); watcher != nullptr;) {
+      Watcher* const next = watcher->next;
+      act(*watcher);
+      watcher = next;
+    }
+  }
+};
+
+std::uint64_t EventHub::Subscription::publications() const { return news_->publications; }
+
+bool EventHub::Subscription::WakeAtNext(std::uint64_t seen) const {
+  if (news_->publications != seen) return false;
+  if (!watcher_->asked.exchange(true)) news_->Add(*watcher_);
+  // A publication is counted before the list is taken: where it is not yet, we are in the list that it takes.
+  return news_->publications == seen;
+}
+
+EventHub::Channel::Channel() : news(std::make_shared<News>()) {}
+EventHub::Channel::~Channel() = default;
+
+EventHub::EventHub(std::size_t kept_per_job) : kept_per_job_(kept_per_job) {}
+EventHub::~EventHub() = default;
 
 EventHub::Subscription::Subscription(Subscription&& other) noexcept { *this = std::move(other); }
 
@@ -11,7 +55,8 @@ EventHub::Subscription& EventHub::Subscription::operator=(Subscription&& other) 
   std::swap(hub_, other.hub_);
   std::swap(job_id_, other.job_id_);
   std::swap(key_, other.key_);
-  std::swap(publications_, other.publications_);
+  std::swap(news_, other.news_);
+  std::swap(watcher_, other.watcher_);
   return *this;
 }
 
@@ -26,34 +71,30 @@ void EventHub::Publish(const std::string& job_id, JobEvent event) {
   Channel& channel = channels_[job_id];
   channel.recent.push_back(std::move(shared));
   if (channel.recent.size() > kept_per_job_) channel.recent.pop_front();
-  ++*channel.publications;
+  ++channel.news->publications;
   // Under the lock, so that a subscription's end means that its wake function has returned.
   for (const auto& [key, wake] : channel.watchers) wake();
-  for (const std::uint64_t key : std::exchange(channel.asked, {})) channel.on_demand.at(key)();
+  channel.news->TakeAll([](Watcher& watcher) {
+    watcher.asked = false;  // from here on it may be in the next list
+    watcher.wake();
+  });
 }
 
 EventHub::Subscription EventHub::Subscribe(const std::string& job_id, Wake wake) {
-  return Add(job_id, &Channel::watchers, std::move(wake));
-}
-
-EventHub::Subscription EventHub::SubscribeOnDemand(const std::string& job_id, Wake wake) {
-  return Add(job_id, &Channel::on_demand, std::move(wake));
-}
-
-EventHub::Subscription EventHub::Add(const std::string& job_id, std::map<std::uint64_t, Wake> Channel::*to, Wake wake) {
   const std::lock_guard lock(mutex_);
   const std::uint64_t key = ++next_key_;
   Channel& channel = channels_[job_id];
-  (channel.*to).emplace(key, std::move(wake));
-  return {this, job_id, key, channel.publications};
+  channel.watchers.emplace(key, std::move(wake));
+  return {this, job_id, key, channel.news, nullptr};
 }
 
-bool EventHub::WakeAtNext(const Subscription& subscription, std::uint64_t seen) {
+EventHub::Subscription EventHub::SubscribeOnDemand(const std::string& job_id, Wake wake) {
   const std::lock_guard lock(mutex_);
-  Channel& channel = channels_.at(subscription.job_id_);
-  if (*channel.publications != seen) return false;
-  channel.asked.insert(subscription.key_);
-  return true;
+  const std::uint64_t key = ++next_key_;
+  Channel& channel = channels_[job_id];
+  auto& watcher = channel.on_demand[key];
+  watcher.reset(new Watcher{.wake = std::move(wake)});
+  return {this, job_id, key, channel.news, watcher.get()};
 }
 
 void EventHub::Unsubscribe(const std::string& job_id, std::uint64_t key) {
@@ -61,8 +102,15 @@ void EventHub::Unsubscribe(const std::string& job_id, std::uint64_t key) {
   const auto channel = channels_.find(job_id);
   if (channel == channels_.end()) return;
   channel->second.watchers.erase(key);
-  channel->second.on_demand.erase(key);
-  channel->second.asked.erase(key);
+  if (const auto own = channel->second.on_demand.find(key); own != channel->second.on_demand.end()) {
+    News& news = *channel->second.news;
+    if (own->second->asked) {
+      news.TakeAll([&](Watcher& watcher) {
+        if (&watcher != own->second.get()) news.Add(watcher);
+      });
+    }
+    channel->second.on_demand.erase(own);
+  }
   if (channel->second.IsIdle()) channels_.erase(channel);
 }
 

@@ -2,14 +2,12 @@
 // ones are the store's: a watcher that lags reads them there, and delays nobody.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -24,6 +22,9 @@ class EventHub {
   // Called on the publisher's thread; must not block nor call the hub back.
   using Wake = std::function<void()>;
 
+  struct Watcher;
+  struct News;
+
   // Ends with the object: after its destruction the wake function is not called any more, nor running.
   class Subscription {
    public:
@@ -33,22 +34,28 @@ class EventHub {
     ~Subscription();
 
     // How many there have been for the job since somebody subscribed to it.
-    std::uint64_t publications() const { return *publications_; }
+    std::uint64_t publications() const;
+
+    // Of one made on demand: wakes it after the next publication, once. False where there have been others than the
+    // `seen` first ones; it may then be woken all the same. Takes no lock: whoever asks may have a low priority, and be
+    // kept from going on for long.
+    bool WakeAtNext(std::uint64_t seen) const;
 
    private:
     friend class EventHub;
-    using Count = std::shared_ptr<const std::atomic<std::uint64_t>>;
-    Subscription(EventHub* hub, std::string job_id, std::uint64_t key, Count publications)
-        : hub_(hub), job_id_(std::move(job_id)), key_(key), publications_(std::move(publications)) {}
+    Subscription(EventHub* hub, std::string job_id, std::uint64_t key, std::shared_ptr<News> news, Watcher* watcher)
+        : hub_(hub), job_id_(std::move(job_id)), key_(key), news_(std::move(news)), watcher_(watcher) {}
     EventHub* hub_ = nullptr;
     std::string job_id_;
     std::uint64_t key_ = 0;
-    Count publications_;
+    std::shared_ptr<News> news_;
+    Watcher* watcher_ = nullptr;  // the hub's
   };
 
   static constexpr std::size_t kKeptPerJob = 256;
 
-  explicit EventHub(std::size_t kept_per_job = kKeptPerJob) : kept_per_job_(kept_per_job) {}
+  explicit EventHub(std::size_t kept_per_job = kKeptPerJob);
+  ~EventHub();
 
   // Called with every event published, before its watchers are woken, on the publisher's thread. Set while nothing is
   // published. An empty one: nobody.
@@ -63,10 +70,6 @@ class EventHub {
 
   // Woken when it has asked to be, so that a publication costs nothing for whoever is busy with those before it.
   Subscription SubscribeOnDemand(const std::string& job_id, Wake wake);
-
-  // Wakes the subscription, made on demand, after the next publication, once. False where there have been others than
-  // the `seen` first ones: it is not woken then.
-  bool WakeAtNext(const Subscription& subscription, std::uint64_t seen);
 
   struct Recent {
     std::vector<Event> events;  // in order, from after_seq + 1 on, dense
@@ -83,16 +86,17 @@ class EventHub {
 
  private:
   struct Channel {
+    Channel();
+    ~Channel();
+
     std::deque<Event> recent;  // dense in seq
-    const std::shared_ptr<std::atomic<std::uint64_t>> publications = std::make_shared<std::atomic<std::uint64_t>>(0);
-    std::map<std::uint64_t, Wake> watchers;   // of every publication
-    std::map<std::uint64_t, Wake> on_demand;  // those who have to ask
-    std::set<std::uint64_t> asked;            // of them
+    const std::shared_ptr<News> news;
+    std::map<std::uint64_t, Wake> watchers;                       // of every publication
+    std::map<std::uint64_t, std::unique_ptr<Watcher>> on_demand;  // those who have to ask
 
     bool IsIdle() const { return recent.empty() && watchers.empty() && on_demand.empty(); }
   };
 
-  Subscription Add(const std::string& job_id, std::map<std::uint64_t, Wake> Channel::*to, Wake wake);
   void Unsubscribe(const std::string& job_id, std::uint64_t key);
 
   const std::size_t kept_per_job_;

@@ -86,7 +86,7 @@ net::awaitable<void> Connection::Pump(Stream& stream, Chunk chunk, const std::st
     if (outlet_ != nullptr) outlet_->GiveBack();
     if (chunk.end) break;
     if (chunk.full) {
-      core_.AskSoon(AskOf(stream));
+      core_.PostAsks({AskOf(stream)});
     } else {
       core_.AskAtNextTurn(AskOf(stream));
     }

@@ -43,6 +43,8 @@ inline constexpr auto kAwait = net::as_tuple(net::use_awaitable);
 // With many watchers each is written to less often, and more at a time.
 inline constexpr std::chrono::microseconds kPacePerStream{400};
 inline constexpr std::chrono::microseconds kSlowestPace{200'000};
+// More than so many take what is left of the processors.
+inline constexpr int kCrowd = 64;
 
 class Connection;
 
@@ -66,35 +68,10 @@ struct Core : std::enable_shared_from_this<Core> {
     turn.expires_at(Clock::time_point(now - now % pace + pace));
     turn.async_wait([this](error_code) { PostAsks(std::exchange(waiting, {})); });
   }
-  // At once, with the others who are about to.
-  void AskSoon(Ask ask) {
-    asking.push_back(std::move(ask));
-    if (asking.size() == 1) net::post(io, [this] { PostAsks(std::exchange(asking, {})); });
-  }
   void PostAsks(std::vector<Ask> asks) {
-    api.stream_executor().Post([core = shared_from_this(), asks = std::move(asks)] {
-      Answers answers;
-      gathering = &answers;
-      for (const Ask& ask : asks) {
-        ask(core);
-        if (answers.size() == kAnswersTogether) core->PostAnswers(std::exchange(answers, {}));
-      }
-      gathering = nullptr;
-      core->PostAnswers(std::move(answers));
-    });
-  }
-
-  // Runs `answer` on the I/O thread; from any thread. Those of a task that asks for many go together: every time that
-  // the I/O thread wakes something else has to give way.
-  using Answers = std::vector<std::function<void()>>;
-  void Answer(std::function<void()> answer) {
-    if (gathering != nullptr) return gathering->push_back(std::move(answer));
-    net::post(io, std::move(answer));
-  }
-  void PostAnswers(Answers answers) {
-    if (answers.empty()) return;
-    net::post(io, [answers = std::move(answers)] {
-      for (const auto& answer : answers) answer();
+    const Work work = streams > kCrowd ? Work::kCrowd : Work::kStream;
+    api.executors().For(work).Post([core = shared_from_this(), asks = std::move(asks)] {
+      for (const Ask& ask : asks) ask(core);
     });
   }
 
@@ -122,11 +99,6 @@ struct Core : std::enable_shared_from_this<Core> {
   net::steady_timer grace{io};
   net::steady_timer turn{io};
   std::vector<Ask> waiting;  // for the next turn
-  std::vector<Ask> asking;
-
-  // Those of the task that this thread runs.
-  static inline thread_local Answers* gathering = nullptr;
-  static constexpr std::size_t kAnswersTogether = 32;
 };
 
 // Where another thread leaves what a coroutine waits for.
@@ -137,7 +109,7 @@ class Slot : public std::enable_shared_from_this<Slot<T>> {
 
   // Fills the slot, from any thread. `core` keeps the I/O context.
   void Put(const std::shared_ptr<Core>& core, T value) {
-    core->Answer([self = this->shared_from_this(), value = std::move(value)]() mutable {
+    net::post(core->io, [self = this->shared_from_this(), value = std::move(value)]() mutable {
       self->value_ = std::move(value);
       self->signal_.cancel();
     });

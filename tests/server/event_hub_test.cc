@@ -120,13 +120,13 @@ TEST(EventHub, OnDemandIsWokenOnceEveryTimeItAsks) {
   PublishUpTo(hub, "a", 1, 2);
   EXPECT_EQ(wakes, 0);
   EXPECT_EQ(subscription.publications(), 2);
-  ASSERT_TRUE(hub.WakeAtNext(subscription, 2));
-  ASSERT_TRUE(hub.WakeAtNext(subscription, 2));  // to ask again is to ask once
+  ASSERT_TRUE(subscription.WakeAtNext(2));
+  ASSERT_TRUE(subscription.WakeAtNext(2));  // to ask again is to ask once
   hub.Publish("b", EventOf(1));
   EXPECT_EQ(wakes, 0);
   PublishUpTo(hub, "a", 3, 5);
   EXPECT_EQ(wakes, 1);
-  ASSERT_TRUE(hub.WakeAtNext(subscription, 5));
+  ASSERT_TRUE(subscription.WakeAtNext(5));
   hub.Publish("a", EventOf(6));
   EXPECT_EQ(wakes, 2);
 }
@@ -136,7 +136,7 @@ TEST(EventHub, OnDemandIsNotMadeToWaitForWhatHasBeenPublished) {
   int wakes = 0;
   const EventHub::Subscription subscription = hub.SubscribeOnDemand("a", [&] { ++wakes; });
   PublishUpTo(hub, "a", 1, 3);
-  EXPECT_FALSE(hub.WakeAtNext(subscription, 2));
+  EXPECT_FALSE(subscription.WakeAtNext(2));
   hub.Publish("a", EventOf(4));
   EXPECT_EQ(wakes, 0);
 }
@@ -148,8 +148,8 @@ TEST(EventHub, ForgetAndTheEndOfOthersLeaveWhoeverAsked) {
   {
     const EventHub::Subscription other = hub.SubscribeOnDemand("a", [] { FAIL() << "its subscription has ended"; });
     hub.Publish("a", EventOf(1));
-    ASSERT_TRUE(hub.WakeAtNext(subscription, 1));
-    ASSERT_TRUE(hub.WakeAtNext(other, 1));
+    ASSERT_TRUE(subscription.WakeAtNext(1));
+    ASSERT_TRUE(other.WakeAtNext(1));
   }
   hub.Forget("a");
   hub.Publish("a", EventOf(2));
@@ -176,7 +176,7 @@ TEST(EventHub, NoWakeRunsOnceItsSubscriptionIsGone) {
         const bool on_demand = round % 2 == 0;
         const EventHub::Subscription subscription =
             on_demand ? hub.SubscribeOnDemand("a", wake) : hub.Subscribe("a", wake);
-        if (on_demand) hub.WakeAtNext(subscription, subscription.publications());
+        if (on_demand) subscription.WakeAtNext(subscription.publications());
         hub.After("a", round, 4);
         if (round % 3 == 0) std::this_thread::yield();
       }  // the subscription goes first, then the counter
@@ -218,7 +218,7 @@ TEST(EventHub, NoWakeAskedForIsLost) {
       while (seen < kEvents) {
         const std::uint64_t publications = subscription.publications();
         for (const EventHub::Event& event : hub.After("a", seen, kEvents).events) ASSERT_EQ(event->seq, ++seen);
-        if (seen < kEvents && hub.WakeAtNext(subscription, publications)) {
+        if (seen < kEvents && subscription.WakeAtNext(publications)) {
           ASSERT_TRUE(woken.try_acquire_for(std::chrono::seconds(60))) << "after event " << seen;
         }
       }
