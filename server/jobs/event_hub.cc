@@ -6,9 +6,9 @@
 
 namespace orbitune {
 
-// Who is woken on demand.
 struct EventHub::Watcher {
   const Wake wake;
+  const bool every;                 // it need not ask
   std::atomic<bool> asked = false;  // it is in the list, or about to be
   Watcher* next = nullptr;          // there
 };
@@ -43,25 +43,18 @@ bool EventHub::Subscription::WakeAtNext(std::uint64_t seen) const {
   return news_->publications == seen;
 }
 
-EventHub::Channel::Channel() : news(std::make_shared<News>()) {}
-EventHub::Channel::~Channel() = default;
-
-EventHub::EventHub(std::size_t kept_per_job) : kept_per_job_(kept_per_job) {}
-EventHub::~EventHub() = default;
-
 EventHub::Subscription::Subscription(Subscription&& other) noexcept { *this = std::move(other); }
 
 EventHub::Subscription& EventHub::Subscription::operator=(Subscription&& other) noexcept {
   std::swap(hub_, other.hub_);
   std::swap(job_id_, other.job_id_);
-  std::swap(key_, other.key_);
   std::swap(news_, other.news_);
   std::swap(watcher_, other.watcher_);
   return *this;
 }
 
 EventHub::Subscription::~Subscription() {
-  if (hub_ != nullptr) hub_->Unsubscribe(job_id_, key_);
+  if (hub_ != nullptr) hub_->Remove(*this);
 }
 
 void EventHub::Publish(const std::string& job_id, JobEvent event) {
@@ -71,46 +64,47 @@ void EventHub::Publish(const std::string& job_id, JobEvent event) {
   Channel& channel = channels_[job_id];
   channel.recent.push_back(std::move(shared));
   if (channel.recent.size() > kept_per_job_) channel.recent.pop_front();
+  if (channel.news == nullptr) return;
   ++channel.news->publications;
   // Under the lock, so that a subscription's end means that its wake function has returned.
-  for (const auto& [key, wake] : channel.watchers) wake();
-  channel.news->TakeAll([](Watcher& watcher) {
-    watcher.asked = false;  // from here on it may be in the next list
+  channel.news->TakeAll([&](Watcher& watcher) {
+    if (watcher.every) {
+      channel.news->Add(watcher);
+    } else {
+      watcher.asked = false;  // from here on it may be in the next list
+    }
     watcher.wake();
   });
 }
 
 EventHub::Subscription EventHub::Subscribe(const std::string& job_id, Wake wake) {
-  const std::lock_guard lock(mutex_);
-  const std::uint64_t key = ++next_key_;
-  Channel& channel = channels_[job_id];
-  channel.watchers.emplace(key, std::move(wake));
-  return {this, job_id, key, channel.news, nullptr};
+  return Add(job_id, std::move(wake), true);
 }
 
 EventHub::Subscription EventHub::SubscribeOnDemand(const std::string& job_id, Wake wake) {
-  const std::lock_guard lock(mutex_);
-  const std::uint64_t key = ++next_key_;
-  Channel& channel = channels_[job_id];
-  auto& watcher = channel.on_demand[key];
-  watcher.reset(new Watcher{.wake = std::move(wake)});
-  return {this, job_id, key, channel.news, watcher.get()};
+  return Add(job_id, std::move(wake), false);
 }
 
-void EventHub::Unsubscribe(const std::string& job_id, std::uint64_t key) {
+EventHub::Subscription EventHub::Add(const std::string& job_id, Wake wake, bool every) {
+  std::shared_ptr<Watcher> watcher(new Watcher{.wake = std::move(wake), .every = every, .asked = every});
   const std::lock_guard lock(mutex_);
-  const auto channel = channels_.find(job_id);
-  if (channel == channels_.end()) return;
-  channel->second.watchers.erase(key);
-  if (const auto own = channel->second.on_demand.find(key); own != channel->second.on_demand.end()) {
-    News& news = *channel->second.news;
-    if (own->second->asked) {
-      news.TakeAll([&](Watcher& watcher) {
-        if (&watcher != own->second.get()) news.Add(watcher);
-      });
-    }
-    channel->second.on_demand.erase(own);
+  Channel& channel = channels_[job_id];
+  ++channel.watchers;
+  if (channel.news == nullptr) channel.news = std::make_shared<News>();
+  if (every) channel.news->Add(*watcher);
+  return {this, job_id, channel.news, std::move(watcher)};
+}
+
+void EventHub::Remove(const Subscription& subscription) {
+  const std::lock_guard lock(mutex_);
+  const auto channel = channels_.find(subscription.job_id_);
+  if (subscription.watcher_->asked) {
+    News& news = *subscription.news_;
+    news.TakeAll([&](Watcher& watcher) {
+      if (&watcher != subscription.watcher_.get()) news.Add(watcher);
+    });
   }
+  --channel->second.watchers;
   if (channel->second.IsIdle()) channels_.erase(channel);
 }
 

@@ -43,19 +43,17 @@ class EventHub {
 
    private:
     friend class EventHub;
-    Subscription(EventHub* hub, std::string job_id, std::uint64_t key, std::shared_ptr<News> news, Watcher* watcher)
-        : hub_(hub), job_id_(std::move(job_id)), key_(key), news_(std::move(news)), watcher_(watcher) {}
+    Subscription(EventHub* hub, std::string job_id, std::shared_ptr<News> news, std::shared_ptr<Watcher> watcher)
+        : hub_(hub), job_id_(std::move(job_id)), news_(std::move(news)), watcher_(std::move(watcher)) {}
     EventHub* hub_ = nullptr;
     std::string job_id_;
-    std::uint64_t key_ = 0;
     std::shared_ptr<News> news_;
-    Watcher* watcher_ = nullptr;  // the hub's
+    std::shared_ptr<Watcher> watcher_;
   };
 
   static constexpr std::size_t kKeptPerJob = 256;
 
-  explicit EventHub(std::size_t kept_per_job = kKeptPerJob);
-  ~EventHub();
+  explicit EventHub(std::size_t kept_per_job = kKeptPerJob) : kept_per_job_(kept_per_job) {}
 
   // Called with every event published, before its watchers are woken, on the publisher's thread. Set while nothing is
   // published. An empty one: nobody.
@@ -86,18 +84,15 @@ class EventHub {
 
  private:
   struct Channel {
-    Channel();
-    ~Channel();
-
     std::deque<Event> recent;  // dense in seq
-    const std::shared_ptr<News> news;
-    std::map<std::uint64_t, Wake> watchers;                       // of every publication
-    std::map<std::uint64_t, std::unique_ptr<Watcher>> on_demand;  // those who have to ask
+    int watchers = 0;
+    std::shared_ptr<News> news;  // where there are watchers, or were
 
-    bool IsIdle() const { return recent.empty() && watchers.empty() && on_demand.empty(); }
+    bool IsIdle() const { return recent.empty() && watchers == 0; }
   };
 
-  void Unsubscribe(const std::string& job_id, std::uint64_t key);
+  Subscription Add(const std::string& job_id, Wake wake, bool every);
+  void Remove(const Subscription& subscription);
 
   const std::size_t kept_per_job_;
   Observer observer_;
@@ -105,7 +100,6 @@ class EventHub {
   mutable std::mutex mutex_;
   // Guarded by mutex_.
   std::map<std::string, Channel> channels_;
-  std::uint64_t next_key_ = 0;
 };
 
 }  // namespace orbitune
