@@ -12,8 +12,8 @@ namespace {
 constexpr std::size_t kLargestGroup = 1024;
 constexpr std::chrono::milliseconds kLongestPause{2000};
 // From one group to the next where they are gathered, unless there are enough for a commit before.
-constexpr std::chrono::milliseconds kGathering{8};
-constexpr std::size_t kEnough = 128;
+constexpr std::chrono::milliseconds kGathering{24};
+constexpr std::size_t kEnough = 256;
 
 // A status of its own for each (see SqliteWriter::Operation::answer).
 std::vector<absl::Status> GiveUp(std::size_t operations, const absl::Status& trouble) {

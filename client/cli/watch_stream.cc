@@ -9,6 +9,8 @@
 namespace orbitune::cli {
 namespace {
 
+constexpr int kIterationsPerMessage = 256;  // at most
+
 void ApplyStateChange(const v1::StateChange& change, v1::Job* job) {
   job->set_state(change.state());
   *job->mutable_update_time() = change.time();
@@ -65,6 +67,7 @@ grpc::Status WatchStream::ReadOnce() {
   request.set_name(options_.job);
   request.set_resume_after_seq(last_seq_);
   request.set_delivery(options_.delivery);
+  request.set_max_iterations_per_message(kIterationsPerMessage);
   grpc::ClientContext context;
   const std::unique_ptr<grpc::ClientReader<v1::WatchJobResponse>> reader =
       session_.tuning().WatchJob(&context, request);
@@ -78,17 +81,25 @@ grpc::Status WatchStream::ReadOnce() {
 
 void WatchStream::OnMessage(const v1::WatchJobResponse& message) {
   reconnect_.Connected();
-  if (message.has_snapshot()) {
-    OnSnapshot(message);
-    return;
+  if (message.has_snapshot()) return OnSnapshot(message);
+  if (!message.has_iterations()) return OnEvent(message);
+  v1::WatchJobResponse event;
+  event.set_seq(message.seq() - message.iterations().items_size());
+  for (const v1::Iteration& iteration : message.iterations().items()) {
+    event.set_seq(event.seq() + 1);
+    *event.mutable_iteration() = iteration;
+    OnEvent(event);
   }
-  if (message.seq() <= last_seq_) return;  // seen before the connection was lost
-  last_seq_ = message.seq();
-  ApplyEvent(message, &job_);
-  sink_.OnEvent(message, job_);
-  if (!message.has_state_change()) return;
-  end_seen_ = Ended(message.state_change().state());
-  if (message.seq() > snapshot_seq_) NotePause();
+}
+
+void WatchStream::OnEvent(const v1::WatchJobResponse& event) {
+  if (event.seq() <= last_seq_) return;  // seen before the connection was lost
+  last_seq_ = event.seq();
+  ApplyEvent(event, &job_);
+  sink_.OnEvent(event, job_);
+  if (!event.has_state_change()) return;
+  end_seen_ = Ended(event.state_change().state());
+  if (event.seq() > snapshot_seq_) NotePause();
 }
 
 void WatchStream::OnSnapshot(const v1::WatchJobResponse& message) {

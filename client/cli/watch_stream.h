@@ -38,6 +38,7 @@ class WatchStream {
  private:
   grpc::Status ReadOnce();
   void OnMessage(const v1::WatchJobResponse& message);
+  void OnEvent(const v1::WatchJobResponse& event);
   void OnSnapshot(const v1::WatchJobResponse& message);
   void NotePause();
 
@@ -52,7 +53,7 @@ class WatchStream {
   Reconnect reconnect_;
 };
 
-// Brings `job` up to date with an event.
+// Brings `job` up to date with an event (iterations come one by one).
 void ApplyEvent(const v1::WatchJobResponse& event, v1::Job* job);
 
 }  // namespace orbitune::cli

@@ -51,7 +51,8 @@ class EventHub {
     std::shared_ptr<Watcher> watcher_;
   };
 
-  static constexpr std::size_t kKeptPerJob = 256;
+  // More than a commit publishes at a time.
+  static constexpr std::size_t kKeptPerJob = 512;
 
   explicit EventHub(std::size_t kept_per_job = kKeptPerJob) : kept_per_job_(kept_per_job) {}
 

@@ -65,7 +65,7 @@ class Scheduler {
     JobLimits limits;
     // Of one campaign; the rest lets others pass. 0: twice the threads, at least 4.
     int max_running_of_campaign = 0;
-    int max_uncommitted_iterations = 256;  // of one job; beyond, it waits for the disk
+    int max_uncommitted_iterations = 512;  // of one job; beyond, it waits for the disk
     GainLibrary* library = nullptr;        // that is told of every gain set, once it is stored; outlives the scheduler
   };
   // The job as of the change, committed.

@@ -115,7 +115,7 @@ class NullStore final : public JobStore {
 };
 
 // Creates the job of one seed, watches it to its end, and returns its cost reduction in percent.
-double RunOne(v1::TuningService::Stub& stub, std::uint64_t seed, int iterations) {
+double RunOne(v1::TuningService::Stub& stub, std::uint64_t seed, int iterations, int iterations_per_message) {
   v1::CreateJobRequest create;
   create.mutable_job()->set_scenario("scenarios/gto-geo");
   create.mutable_job()->mutable_hyperparameters()->set_seed(seed);
@@ -125,6 +125,7 @@ double RunOne(v1::TuningService::Stub& stub, std::uint64_t seed, int iterations)
   ORBITUNE_CHECK(stub.CreateJob(&create_context, create, &job).ok());
   v1::WatchJobRequest watch;
   watch.set_name(job.name());
+  watch.set_max_iterations_per_message(iterations_per_message);
   grpc::ClientContext context;
   const auto reader = stub.WatchJob(&context, watch);
   v1::WatchJobResponse event;
@@ -132,6 +133,7 @@ double RunOne(v1::TuningService::Stub& stub, std::uint64_t seed, int iterations)
   double reduction = 0;
   while (reader->Read(&event)) {
     if (event.has_iteration()) ORBITUNE_CHECK(event.iteration().iteration() == ++seen);
+    for (const v1::Iteration& iteration : event.iterations().items()) ORBITUNE_CHECK(iteration.iteration() == ++seen);
     if (event.has_state_change() && event.state_change().has_report()) {
       reduction = event.state_change().report().final_reduction().cost_percent();
     }
@@ -140,9 +142,14 @@ double RunOne(v1::TuningService::Stub& stub, std::uint64_t seed, int iterations)
   return reduction;
 }
 
+double Median(std::vector<double> values) {
+  std::ranges::nth_element(values, values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2));
+  return values[values.size() / 2];
+}
+
 }  // namespace
 
-JobRow RunThroughServer(int jobs, int threads, int iterations) {
+JobRow RunThroughServer(int jobs, int threads, int iterations, int iterations_per_message) {
   const auto folder = std::filesystem::temp_directory_path() / absl::StrCat("orbitune_bench_", getpid());
   std::filesystem::create_directories(folder);
   JobRow row;
@@ -166,10 +173,11 @@ JobRow RunThroughServer(int jobs, int threads, int iterations) {
     const auto begin = Clock::now();
     std::vector<std::thread> clients;
     for (std::size_t j = 0; j < reductions.size(); ++j) {
-      clients.emplace_back([&, j] { reductions[j] = RunOne(*stub, j + 1, iterations); });
+      clients.emplace_back([&, j] { reductions[j] = RunOne(*stub, j + 1, iterations, iterations_per_message); });
     }
     for (std::thread& client : clients) client.join();
     row = Row("server", jobs, threads, iterations, SecondsSince(begin), *std::ranges::min_element(reductions));
+    row.iterations_per_message = iterations_per_message;
     (*server)->Shutdown(std::chrono::seconds(1));
     scheduler.Stop();
   }
@@ -208,6 +216,29 @@ JobRow RunByEngine(int jobs, int threads, int iterations) {
   lock.unlock();
   scheduler.Stop();
   return Row("engine", jobs, threads, iterations, seconds, worst);
+}
+
+std::vector<JobRow> CompareServerWithEngine(int threads, int iterations, int repeats) {
+  constexpr int kAsTheCli = 256;
+  std::vector<std::vector<JobRow>> runs;
+  for (int i = 0; i < repeats; ++i) {
+    runs.push_back({RunByEngine(1, threads, iterations), RunThroughServer(1, threads, iterations, kAsTheCli),
+                    RunThroughServer(1, threads, iterations, 1)});
+  }
+  std::vector<JobRow> rows = runs[0];
+  for (std::size_t r = 0; r < rows.size(); ++r) {
+    std::vector<double> seconds;
+    std::vector<double> added;
+    for (const std::vector<JobRow>& run : runs) {
+      seconds.push_back(run[r].seconds);
+      added.push_back(100 * (run[r].seconds / run[0].seconds - 1));
+      rows[r].worst_reduction_percent = std::min(rows[r].worst_reduction_percent, run[r].worst_reduction_percent);
+    }
+    rows[r].seconds = Median(seconds);
+    rows[r].iterations_per_s = iterations / rows[r].seconds;
+    if (r > 0) rows[r].added_percent = Median(added);
+  }
+  return rows;
 }
 
 }  // namespace orbitune::bench

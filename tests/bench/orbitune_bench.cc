@@ -212,28 +212,31 @@ void Print(const Row& r) {
 }
 
 void AddJobs(json& out, bool as_json, const JobRow& r) {
-  out.push_back({{"workload", "jobs/gto-geo"},
-                 {"what", r.what},
-                 {"jobs", r.jobs},
-                 {"threads", r.threads},
-                 {"iterations", r.iterations},
-                 {"seconds", r.seconds},
-                 {"iterations_per_s", r.iterations_per_s},
-                 {"worst_reduction_percent", r.worst_reduction_percent}});
+  json& row = out.emplace_back(json{{"workload", "jobs/gto-geo"},
+                                    {"what", r.what},
+                                    {"jobs", r.jobs},
+                                    {"threads", r.threads},
+                                    {"iterations", r.iterations},
+                                    {"seconds", r.seconds},
+                                    {"iterations_per_s", r.iterations_per_s},
+                                    {"worst_reduction_percent", r.worst_reduction_percent}});
+  if (r.iterations_per_message > 0) row["iterations_per_message"] = r.iterations_per_message;
+  if (r.added_percent) row["added_percent"] = *r.added_percent;
   if (as_json) return;
-  std::printf(
-      "%-7s %3d jobs of %d iterations, %d threads: %7.3f s, %9.0f iterations/s (reductions of %.1f %% or more)\n",
-      r.what.c_str(), r.jobs, r.iterations, r.threads, r.seconds, r.iterations_per_s, r.worst_reduction_percent);
+  std::printf("%-7s %3d jobs of %d iterations, %d threads: %7.3f s, %9.0f iterations/s (reductions of %.1f %% or more)",
+              r.what.c_str(), r.jobs, r.iterations, r.threads, r.seconds, r.iterations_per_s,
+              r.worst_reduction_percent);
+  if (r.added_percent) std::printf("; %+.1f %% with %d to a message", *r.added_percent, r.iterations_per_message);
+  std::printf("\n");
   std::fflush(stdout);
 }
 
-void RunJobs(json& rows, int iterations, bool as_json) {
+void RunJobs(json& rows, int iterations, int repeats, bool as_json) {
   const int cores = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   for (int threads = 1; threads <= std::max(2, cores); threads *= 2) {
-    AddJobs(rows, as_json, RunByEngine(1, threads, iterations));
-    AddJobs(rows, as_json, RunThroughServer(1, threads, iterations));
+    for (const JobRow& row : CompareServerWithEngine(threads, iterations, repeats)) AddJobs(rows, as_json, row);
   }
-  AddJobs(rows, as_json, RunThroughServer(50, cores, iterations));
+  AddJobs(rows, as_json, RunThroughServer(50, cores, iterations, 256));
 }
 
 void PrintOptimisers(json& out, bool as_json, const std::vector<OptimiserRow>& rows) {
@@ -264,6 +267,7 @@ int Main(int argc, char** argv) {
   int episodes = 400;
   int repeats = 5;
   int iterations = 2000;
+  int job_repeats = 15;
   int random = 10'000;
   double tolerance = kDefaultIntegrationTolerance;
   double odeint_floor = 1e-2;
@@ -275,6 +279,9 @@ int Main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--repeats", repeats)->check(CLI::Range(1, 1000))->capture_default_str();
   app.add_option("--iterations", iterations, "Of each job")->check(CLI::Range(1, 1'000'000))->capture_default_str();
+  app.add_option("--job-repeats", job_repeats, "Of each job; medians are printed")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
   app.add_option("--random", random, "How many random episodes")
       ->check(CLI::Range(0, 1'000'000))
       ->capture_default_str();
@@ -314,7 +321,7 @@ int Main(int argc, char** argv) {
     for (const Row& row : Compare(workload, repeats, odeint_floor)) add(row);
   }
   if (random > 0 && (only.empty() || only == "random")) add(RunRandom(random, tolerance));
-  if (!no_jobs) RunJobs(rows, iterations, as_json);
+  if (!no_jobs) RunJobs(rows, iterations, job_repeats, as_json);
   if (as_json) std::cout << rows.dump(1) << '\n';
   if (wrong) std::fprintf(stderr, "orbitune_bench: a cost is wrong\n");
   return wrong ? 1 : 0;

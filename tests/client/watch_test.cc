@@ -54,6 +54,16 @@ FakeServer::WatchScript Play(std::int64_t first, std::int64_t last, const grpc::
   };
 }
 
+// The iterations of events first..last in one message.
+v1::WatchJobResponse Together(std::int64_t first, std::int64_t last) {
+  v1::WatchJobResponse message;
+  message.set_seq(last);
+  for (std::int64_t seq = first; seq <= last; ++seq) {
+    *message.mutable_iterations()->add_items() = Event(seq).iteration();
+  }
+  return message;
+}
+
 std::vector<std::int64_t> EventSeqs(const std::string& json_lines) {
   std::vector<std::int64_t> seqs;
   std::istringstream lines(json_lines);
@@ -94,6 +104,30 @@ TEST(Watch, ReconnectsWithoutGapOrDouble) {
   EXPECT_EQ(resumed, (std::vector<std::int64_t>{0, 4, 7, 7, saw_8 ? 8 : 7, saw_8 ? 8 : 7}));
   EXPECT_EQ(server.watch_requests[0].name(), "jobs/a");
   EXPECT_EQ(server.watch_requests[0].delivery(), v1::DELIVERY_EVERY);
+}
+
+TEST(Watch, IterationsThatComeTogetherAreToldOneByOne) {
+  FakeServer server;
+  server.watches = {Play(1, kEndSeq, grpc::Status::OK),
+                    [](grpc::ServerContext*, FakeServer::WatchWriter* writer) {
+                      writer->Write(Snapshot(0));
+                      writer->Write(Event(1));
+                      writer->Write(Together(2, 5));
+                      return kUnavailable;
+                    },
+                    [](grpc::ServerContext*, FakeServer::WatchWriter* writer) {
+                      writer->Write(Snapshot(0));
+                      writer->Write(Together(4, 8));  // two of them again
+                      writer->Write(Together(9, kEndSeq - 1));
+                      writer->Write(Event(kEndSeq));
+                      return grpc::Status::OK;
+                    }};
+  const FakeServer::Result alone = server.Run({"--json", "watch", "a"});
+  const FakeServer::Result together = server.Run({"--json", "watch", "a"});
+  EXPECT_EQ(together.code, 0) << together.err;
+  EXPECT_EQ(together.out, alone.out);
+  EXPECT_GT(server.watch_requests[1].max_iterations_per_message(), 1);
+  EXPECT_EQ(server.watch_requests[2].resume_after_seq(), 5);
 }
 
 TEST(Watch, FromOnlyNewEventsResumesAfterTheSnapshot) {

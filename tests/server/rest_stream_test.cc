@@ -118,6 +118,17 @@ TEST_F(RestStreamTest, SseTellsKindAndWhereToResume) {
   }
 }
 
+TEST_F(RestStreamTest, IterationsThatComeTogetherHaveTheIdOfTheLast) {
+  const std::string name = client_->Create(5);
+  client_->WaitForEnd(name);
+  EventStream stream(http_->address(), Target(name, 1) + "&max_iterations_per_message=3", true);
+  const std::vector<std::pair<std::string, std::string>> expected = {
+      {"1", "snapshot"}, {"2", "state_change"}, {"5", "iterations"}, {"7", "iterations"}, {"8", "state_change"}};
+  std::vector<std::pair<std::string, std::string>> seen;
+  for (const StreamEvent& event : stream.ReadAll()) seen.emplace_back(event.id, event.kind);
+  EXPECT_EQ(seen, expected);
+}
+
 // As a browser does: the address stays, Last-Event-ID tells where it was.
 TEST_F(RestStreamTest, ReconnectsSeeEachEventOnce) {
   const std::string name = client_->Create(400);

@@ -126,11 +126,16 @@ void Client::WaitForIterations(const std::string& name, int completed) {
   ADD_FAILURE() << name << " ended before iteration " << completed;
 }
 
-Watch::Watch(Client& client, const std::string& name, std::int64_t resume_after_seq, v1::Delivery delivery) {
-  v1::WatchJobRequest request;
-  request.set_name(name);
-  request.set_resume_after_seq(resume_after_seq);
-  request.set_delivery(delivery);
+Watch::Watch(Client& client, const std::string& name, std::int64_t resume_after_seq, v1::Delivery delivery)
+    : Watch(client, [&] {
+        v1::WatchJobRequest request;
+        request.set_name(name);
+        request.set_resume_after_seq(resume_after_seq);
+        request.set_delivery(delivery);
+        return request;
+      }()) {}
+
+Watch::Watch(Client& client, const v1::WatchJobRequest& request) {
   context_.set_deadline(std::chrono::system_clock::now() + std::chrono::minutes(1));
   reader_ = client.tuning().WatchJob(&context_, request);
 }

@@ -78,6 +78,7 @@ class Watch {
  public:
   Watch(Client& client, const std::string& name, std::int64_t resume_after_seq = 0,
         v1::Delivery delivery = v1::DELIVERY_EVERY);
+  Watch(Client& client, const v1::WatchJobRequest& request);
   ~Watch();
 
   // False at the end.

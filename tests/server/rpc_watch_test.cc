@@ -187,6 +187,79 @@ TEST_F(WatchTest, AJobThatHasEndedIsReadFromTheStore) {
   }
 }
 
+// What a watch gets that lets iterations come together, those taken apart; no message has more than it asked for.
+std::vector<v1::WatchJobResponse> WatchTogether(Client& client, const v1::WatchJobRequest& request, int* messages) {
+  grpc::Status status;
+  std::vector<v1::WatchJobResponse> events;
+  *messages = 0;
+  for (const v1::WatchJobResponse& message : Watch(client, request).ReadAll(&status)) {
+    ++*messages;
+    if (!message.has_iterations()) {
+      events.push_back(message);
+      continue;
+    }
+    const int items = message.iterations().items_size();
+    EXPECT_GE(items, 2);
+    EXPECT_LE(items, request.max_iterations_per_message());
+    for (int i = 0; i < items; ++i) {
+      v1::WatchJobResponse& event = events.emplace_back();
+      event.set_seq(message.seq() - items + 1 + i);
+      *event.mutable_iteration() = message.iterations().items(i);
+    }
+  }
+  EXPECT_TRUE(status.ok()) << status.error_message();
+  return events;
+}
+
+TEST_F(WatchTest, IterationsComeTogetherWhereTheWatcherAsksForIt) {
+  const std::string name = client_->Create(600);
+  v1::WatchJobRequest request;
+  request.set_name(name);
+  request.set_max_iterations_per_message(50);
+  int messages = 0;
+  const auto live = WatchTogether(*client_, request, &messages);
+  ExpectAccountsFor(live, 1, 603);
+  EXPECT_EQ(IterationsIn(live).SerializeAsString(), client_->Iterations(name).SerializeAsString());
+  for (const int most : {0, 1, 2, 100, 1000}) {
+    request.set_max_iterations_per_message(most);
+    for (const std::int64_t after : {0, 300}) {
+      request.set_resume_after_seq(after);
+      const auto events = WatchTogether(*client_, request, &messages);
+      ExpectAccountsFor(events, after + 1, 603);
+      // The ends of what is read of the store at a time are seams, too.
+      const int single = static_cast<int>(604 - after);
+      EXPECT_LE(messages, most < 2 ? single : single / most + 10);
+      EXPECT_GE(messages, most < 2 ? single : 4);
+    }
+  }
+}
+
+// Of each stretch between two state changes, however the transport takes them.
+TEST_F(WatchTest, WhatComesTogetherKeepsItsPlaceAmongStateChanges) {
+  StoreJob(engine_.store(), "manual", SpecOf(SmallScenario()));
+  std::int64_t seq = 1;
+  int iteration = 0;
+  for (int i = 0; i < 30; ++i) {
+    Commit("manual", ++seq, StateOf(JobState::kRunning));
+    for (int k = 0; k < i % 4; ++k) CommitIteration("manual", ++seq, ++iteration);
+    Commit("manual", ++seq, StateOf(JobState::kPaused));
+    Commit("manual", ++seq, StateOf(JobState::kQueued));
+  }
+  Commit("manual", ++seq, StateOf(JobState::kCancelled));
+  v1::WatchJobRequest request;
+  request.set_name(NameOf("manual"));
+  request.set_max_iterations_per_message(1000);
+  int messages = 0;
+  const auto events = WatchTogether(*client_, request, &messages);
+  ExpectAccountsFor(events, 1, seq);
+  grpc::Status status;
+  const auto alone = Watch(*client_, NameOf("manual")).ReadAll(&status);
+  ASSERT_EQ(events.size(), alone.size());
+  for (std::size_t i = 1; i < alone.size(); ++i) {
+    EXPECT_EQ(events[i].SerializeAsString(), alone[i].SerializeAsString());
+  }
+}
+
 TEST_F(WatchTest, ResumesWhereItIsTold) {
   const std::string name = client_->Create(20);
   client_->WaitForEnd(name);
@@ -229,6 +302,15 @@ TEST_F(WatchTest, WhatCannotBeWatchedIsRefused) {
     ASSERT_EQ(details.violations.size(), 1u);
     EXPECT_EQ(details.violations[0].field(), "resume_after_seq");
     EXPECT_THAT(details.violations[0].description(), HasSubstr("in [-1, 6]"));
+  }
+  for (const int most : {-1, 1001}) {
+    v1::WatchJobRequest request;
+    request.set_name(name);
+    request.set_max_iterations_per_message(most);
+    EXPECT_TRUE(Watch(*client_, request).ReadAll(&status).empty());
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+    EXPECT_EQ(DetailsOf(status).violations.at(0).field(), "max_iterations_per_message");
+    EXPECT_THAT(DetailsOf(status).violations.at(0).description(), HasSubstr("in [0, 1000]"));
   }
   Watch(*client_, name, 0, static_cast<v1::Delivery>(9)).ReadAll(&status);
   EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
