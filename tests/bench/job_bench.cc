@@ -170,6 +170,7 @@ JobRow RunThroughServer(int jobs, int threads, int iterations, int iterations_pe
     const auto stub =
         v1::TuningService::NewStub(grpc::CreateChannel((*server)->address(), grpc::InsecureChannelCredentials()));
     std::vector<double> reductions(static_cast<std::size_t>(jobs));
+    RunOne(*stub, 1, 1, iterations_per_message);
     const auto begin = Clock::now();
     std::vector<std::thread> clients;
     for (std::size_t j = 0; j < reductions.size(); ++j) {

@@ -19,8 +19,9 @@ struct JobRow {
   std::optional<double> added_percent;  // of "server": what storing and streaming add to the engine's seconds
 };
 
-// `jobs` gto-geo jobs of other seeds at once, on a fresh database in a temporary folder, each watched over gRPC (EVERY)
-// until it ended. Checks that every iteration came once, in order, and is stored.
+// `jobs` gto-geo jobs of other seeds at once, on a database in a temporary folder, each watched over gRPC (EVERY) until
+// it ended. Checks that every iteration came once, and in order. The server has had a job of one iteration before: what
+// a connection and a server's first calls cost is not counted.
 JobRow RunThroughServer(int jobs, int threads, int iterations, int iterations_per_message);
 
 // The same jobs by the scheduler alone: nothing stored, nobody watching.
