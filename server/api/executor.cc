@@ -1,9 +1,9 @@
 #include "server/api/executor.h"
 
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <utility>
+
+#include "core/base/nice.h"
 
 namespace orbitune {
 namespace {
@@ -42,10 +42,6 @@ Executor& Executors::For(Work work) {
       return verifications_;
   }
   return reads_;
-}
-
-void AddNice(int nice) {
-  if (nice != 0) setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + nice);  // in Linux of the thread alone
 }
 
 Executor::Executor(int threads, Limits limits, int nice) : threads_count_(threads), limits_(std::move(limits)) {

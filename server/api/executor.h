@@ -68,9 +68,6 @@ inline constexpr int kCrowdNice = 19;
 // So does whoever wants a job to be run again.
 inline constexpr int kVerifyNice = 15;
 
-// Of the thread that calls. Where the system refuses, it stays as it was.
-void AddNice(int nice);
-
 // What a call keeps busy, and with it how long it may.
 enum class Work { kRead, kWrite, kQuery, kEpisode, kStream, kCrowd, kVerify };
 
