@@ -82,10 +82,10 @@ grpc::Status WatchStream::ReadOnce() {
 void WatchStream::OnMessage(const v1::WatchJobResponse& message) {
   reconnect_.Connected();
   if (message.has_snapshot()) return OnSnapshot(message);
-  if (!message.has_iterations()) return OnEvent(message);
+  if (!message.has_iteration_batch()) return OnEvent(message);
   v1::WatchJobResponse event;
-  event.set_seq(message.seq() - message.iterations().items_size());
-  for (const v1::Iteration& iteration : message.iterations().items()) {
+  event.set_seq(message.seq() - message.iteration_batch().iterations_size());
+  for (const v1::Iteration& iteration : message.iteration_batch().iterations()) {
     event.set_seq(event.seq() + 1);
     *event.mutable_iteration() = iteration;
     OnEvent(event);

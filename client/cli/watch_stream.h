@@ -53,7 +53,7 @@ class WatchStream {
   Reconnect reconnect_;
 };
 
-// Brings `job` up to date with an event (iterations come one by one).
+// Brings `job` up to date with an event that is no batch.
 void ApplyEvent(const v1::WatchJobResponse& event, v1::Job* job);
 
 }  // namespace orbitune::cli

@@ -25,6 +25,7 @@ struct StreamMessage {
     std::int64_t resume_after_seq = 0;  // a stream asked for with it goes on behind this message
     std::string_view kind;              // which event it is: "snapshot", "iteration", ... (a literal)
     bool last = false;                  // nothing will follow it
+    std::size_t events = 1;             // that it tells
   };
   About about;
   std::unique_ptr<const google::protobuf::Message> message;

@@ -10,8 +10,7 @@
 namespace orbitune {
 namespace {
 
-constexpr std::size_t kPage = 256;  // events taken at a time
-constexpr int kMostPerMessage = 1000;
+constexpr int kPage = 256;  // events taken at a time
 
 bool EndsJob(const JobEvent& event) {
   const auto* change = std::get_if<StateChange>(&event.what);
@@ -36,18 +35,16 @@ StreamPart Gap(std::int64_t first_seq, std::int64_t last_seq) {
 bool IsIteration(const FeedItem& item) { return item->about.kind == "iteration"; }
 bool IsGap(const FeedItem& item) { return item->about.kind == "gap"; }
 
-// Iterations as one message.
-StreamPart Together(const std::vector<StreamPart>& parts) {
+StreamPart ToBatch(const std::vector<FeedItem>& iterations) {
   auto message = std::make_unique<v1::WatchJobResponse>();
-  const std::int64_t seq = parts.back().back()->about.resume_after_seq;
+  const std::int64_t seq = iterations.back()->about.resume_after_seq;
   message->set_seq(seq);
-  for (const StreamPart& part : parts) {
-    for (std::size_t i = part.begin; i < part.end; ++i) {
-      *message->mutable_iterations()->add_items() =
-          static_cast<const v1::WatchJobResponse&>(*part.run->items()[i]->message).iteration();
-    }
+  for (const FeedItem& item : iterations) {
+    const auto& one = static_cast<const v1::WatchJobResponse&>(*item->message);
+    *message->mutable_iteration_batch()->add_iterations() = one.iteration();
   }
-  return PartOf({{seq, "iterations"}, std::move(message)});
+  return PartOf(
+      {{.resume_after_seq = seq, .kind = "iteration_batch", .events = iterations.size()}, std::move(message)});
 }
 
 // At any time a feed is opening or filling (a task reads the store), idle (waiting for the hub's wake), or not asked
@@ -113,8 +110,8 @@ class JobFeed final : public Feed {
     if (!v1::Delivery_IsValid(request_.delivery())) {
       return InvalidField("delivery", "EVERY or LATEST", request_.delivery());
     }
-    if (request_.max_iterations_per_message() < 0 || request_.max_iterations_per_message() > kMostPerMessage) {
-      return InvalidField("max_iterations_per_message", absl::StrCat("in [0, ", kMostPerMessage, "]"),
+    if (request_.max_iterations_per_message() < 0 || request_.max_iterations_per_message() > kPage) {
+      return InvalidField("max_iterations_per_message", absl::StrCat("in [0, ", kPage, "]"),
                           request_.max_iterations_per_message());
     }
     if (request_.resume_after_seq() < -1 || request_.resume_after_seq() > job.last_seq) {
@@ -203,32 +200,25 @@ class JobFeed final : public Feed {
     if (taken_ == nullptr || (!end_ && !Ready())) return;
     Batch batch;
     batch.end = end_;
-    if (!end_) batch.parts = request_.max_iterations_per_message() > 1 ? TakeTogether() : TakeFront(outbox_, limit_);
+    if (!end_) batch.parts = request_.max_iterations_per_message() > 1 ? TakeBatches() : TakeFront(outbox_, limit_);
     const Taken taken = std::exchange(taken_, nullptr);
     lock.unlock();
     taken(std::move(batch));
   }
 
-  // Under the lock: as TakeFront, with iterations that follow one another in one item.
-  std::vector<StreamPart> TakeTogether() {
+  // Under the lock: as TakeFront, with iterations that follow one another as batches.
+  std::vector<StreamPart> TakeBatches() {
     const auto most = static_cast<std::size_t>(request_.max_iterations_per_message());
     std::vector<StreamPart> taken;
     while (taken.size() < limit_ && !outbox_.empty()) {
-      std::vector<StreamPart> iterations;
-      std::size_t room = most;
-      while (room > 0 && !outbox_.empty()) {
-        const StreamPart& front = outbox_.front();
-        const FeedItem* const first = &front.front();
-        const auto count = std::find_if_not(first, first + std::min(room, front.size()), IsIteration) - first;
-        if (count == 0) break;
-        room -= static_cast<std::size_t>(count);
-        iterations.push_back(TakeFront(outbox_, static_cast<std::size_t>(count)).front());
-      }
-      if (most - room > 1) {
-        taken.push_back(Together(iterations));
-      } else {
-        taken.push_back((iterations.empty() ? TakeFront(outbox_, 1) : iterations).front());
-      }
+      std::vector<FeedItem> items;
+      StreamPart one;
+      do {
+        one = TakeFront(outbox_, 1).front();
+        items.push_back(one.front());
+      } while (items.size() < most && IsIteration(items.back()) && !outbox_.empty() &&
+               IsIteration(outbox_.front().front()));
+      taken.push_back(items.size() > 1 ? ToBatch(items) : one);
     }
     return taken;
   }

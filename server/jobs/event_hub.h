@@ -51,7 +51,7 @@ class EventHub {
     std::shared_ptr<Watcher> watcher_;
   };
 
-  // More than a commit publishes at a time.
+  // As far as a job may be ahead of the disk: what one commit publishes of it is there for who is woken by it.
   static constexpr std::size_t kKeptPerJob = 512;
 
   explicit EventHub(std::size_t kept_per_job = kKeptPerJob) : kept_per_job_(kept_per_job) {}

@@ -27,17 +27,17 @@ Chunk ToChunk(Feed::Batch batch, bool sse) {
   chunk.parts = std::move(batch.parts);
   chunk.end = batch.end;
   chunk.nothing_more = !chunk.parts.empty() && chunk.parts.front().front()->about.last;
-  std::size_t count = 0;
+  std::size_t events = 0;
   std::string lines;
   for (const StreamPart& part : chunk.parts) {
-    count += part.size();
+    for (std::size_t i = part.begin; i < part.end; ++i) events += part.run->items()[i]->about.events;
     if (sse) {
       chunk.text.push_back(net::buffer(part.run->Events(part.begin, part.end)));
     } else {
       for (std::size_t i = part.begin; i < part.end; ++i) absl::StrAppend(&lines, ToAbsl(part.run->Line(i)), "\n");
     }
   }
-  chunk.full = count == kBatch;
+  chunk.full = events >= kBatch;
   if (!lines.empty()) chunk.text = {Keep(std::move(lines), chunk)};
   if (batch.end && !batch.end->ok()) {
     const std::string error = rest::ErrorJson(*batch.end);

@@ -84,11 +84,11 @@ class StreamReactor final : public grpc::ServerWriteReactor<Response> {
 
  private:
   // What is taken from the feed at a time.
-  static constexpr std::size_t kTogether = 16;
+  static constexpr std::size_t kBatch = 16;
 
   void Next() {
     if (sent_ < items_.size()) return Write();
-    feed_->Next(kTogether, [this](Feed::Batch batch) {
+    feed_->Next(kBatch, [this](Feed::Batch batch) {
       if (batch.end) return this->Finish(ToGrpc(*batch.end));
       items_.clear();
       for (const StreamPart& part : batch.parts) {

@@ -7,6 +7,8 @@
 
 namespace orbitune::bench {
 
+inline constexpr int kIterationsPerMessage = 256;  // as the CLI asks for
+
 struct JobRow {
   std::string what;  // "server", "engine"
   int jobs = 0;
@@ -20,11 +22,11 @@ struct JobRow {
 };
 
 // `jobs` gto-geo jobs of other seeds at once, on a database in a temporary folder, each watched over gRPC (EVERY) until
-// it ended. Checks that every iteration came once, and in order. The server has had a job of one iteration before: what
-// a connection and a server's first calls cost is not counted.
+// it ended. Checks that every iteration came once, and in order. There has been a job of one iteration before: what a
+// connection, a server's first calls and a thread's first steps cost is not counted.
 JobRow RunThroughServer(int jobs, int threads, int iterations, int iterations_per_message);
 
-// The same jobs by the scheduler alone: nothing stored, nobody watching.
+// The same jobs by the scheduler alone, after one as well: nothing stored, nobody watching.
 JobRow RunByEngine(int jobs, int threads, int iterations);
 
 // One job by the engine and through the server, with iterations together in messages as the CLI asks for them and each

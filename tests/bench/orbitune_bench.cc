@@ -236,7 +236,7 @@ void RunJobs(json& rows, int iterations, int repeats, bool as_json) {
   for (int threads = 1; threads <= std::max(2, cores); threads *= 2) {
     for (const JobRow& row : CompareServerWithEngine(threads, iterations, repeats)) AddJobs(rows, as_json, row);
   }
-  AddJobs(rows, as_json, RunThroughServer(50, cores, iterations, 256));
+  AddJobs(rows, as_json, RunThroughServer(50, cores, iterations, kIterationsPerMessage));
 }
 
 void PrintOptimisers(json& out, bool as_json, const std::vector<OptimiserRow>& rows) {

@@ -59,7 +59,7 @@ v1::WatchJobResponse Together(std::int64_t first, std::int64_t last) {
   v1::WatchJobResponse message;
   message.set_seq(last);
   for (std::int64_t seq = first; seq <= last; ++seq) {
-    *message.mutable_iterations()->add_items() = Event(seq).iteration();
+    *message.mutable_iteration_batch()->add_iterations() = Event(seq).iteration();
   }
   return message;
 }

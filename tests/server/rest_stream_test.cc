@@ -1,5 +1,6 @@
 // Streams over HTTP against a server in this process: the same events as over gRPC, byte for byte, from anywhere on.
 #include <gmock/gmock.h>
+#include <google/protobuf/util/json_util.h>
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -118,15 +119,26 @@ TEST_F(RestStreamTest, SseTellsKindAndWhereToResume) {
   }
 }
 
-TEST_F(RestStreamTest, IterationsThatComeTogetherHaveTheIdOfTheLast) {
+TEST_F(RestStreamTest, ABatchHasTheIdOfItsLastIteration) {
   const std::string name = client_->Create(5);
   client_->WaitForEnd(name);
+  engine_.store().Flush();
   EventStream stream(http_->address(), Target(name, 1) + "&max_iterations_per_message=3", true);
-  const std::vector<std::pair<std::string, std::string>> expected = {
-      {"1", "snapshot"}, {"2", "state_change"}, {"5", "iterations"}, {"7", "iterations"}, {"8", "state_change"}};
+  const std::vector<std::pair<std::string, std::string>> expected = {{"1", "snapshot"},
+                                                                     {"2", "state_change"},
+                                                                     {"5", "iteration_batch"},
+                                                                     {"7", "iteration_batch"},
+                                                                     {"8", "state_change"}};
   std::vector<std::pair<std::string, std::string>> seen;
-  for (const StreamEvent& event : stream.ReadAll()) seen.emplace_back(event.id, event.kind);
+  v1::ListIterationsResponse iterations;
+  for (const StreamEvent& event : stream.ReadAll()) {
+    seen.emplace_back(event.id, event.kind);
+    v1::WatchJobResponse message;
+    ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(event.json, &message).ok()) << event.json;
+    iterations.mutable_iterations()->MergeFrom(message.iteration_batch().iterations());
+  }
   EXPECT_EQ(seen, expected);
+  EXPECT_EQ(iterations.SerializeAsString(), client_->Iterations(name).SerializeAsString());
 }
 
 // As a browser does: the address stays, Last-Event-ID tells where it was.

@@ -187,76 +187,86 @@ TEST_F(WatchTest, AJobThatHasEndedIsReadFromTheStore) {
   }
 }
 
-// What a watch gets that lets iterations come together, those taken apart; no message has more than it asked for.
-std::vector<v1::WatchJobResponse> WatchTogether(Client& client, const v1::WatchJobRequest& request, int* messages) {
-  grpc::Status status;
+// The events of a watch that asks for batches, which are taken apart; how many messages they were.
+struct Batched {
   std::vector<v1::WatchJobResponse> events;
-  *messages = 0;
+  int messages = 0;
+};
+
+Batched WatchBatched(Client& client, const v1::WatchJobRequest& request) {
+  grpc::Status status;
+  Batched seen;
   for (const v1::WatchJobResponse& message : Watch(client, request).ReadAll(&status)) {
-    ++*messages;
-    if (!message.has_iterations()) {
-      events.push_back(message);
+    ++seen.messages;
+    if (!message.has_iteration_batch()) {
+      seen.events.push_back(message);
       continue;
     }
-    const int items = message.iterations().items_size();
-    EXPECT_GE(items, 2);
-    EXPECT_LE(items, request.max_iterations_per_message());
-    for (int i = 0; i < items; ++i) {
-      v1::WatchJobResponse& event = events.emplace_back();
-      event.set_seq(message.seq() - items + 1 + i);
-      *event.mutable_iteration() = message.iterations().items(i);
+    const int iterations = message.iteration_batch().iterations_size();
+    EXPECT_GE(iterations, 2);
+    EXPECT_LE(iterations, request.max_iterations_per_message());
+    for (int i = 0; i < iterations; ++i) {
+      v1::WatchJobResponse& event = seen.events.emplace_back();
+      event.set_seq(message.seq() - iterations + 1 + i);
+      *event.mutable_iteration() = message.iteration_batch().iterations(i);
     }
   }
   EXPECT_TRUE(status.ok()) << status.error_message();
-  return events;
+  return seen;
 }
 
-TEST_F(WatchTest, IterationsComeTogetherWhereTheWatcherAsksForIt) {
+TEST_F(WatchTest, IterationsComeInBatchesWhereTheWatcherAsksForThem) {
   const std::string name = client_->Create(600);
   v1::WatchJobRequest request;
   request.set_name(name);
   request.set_max_iterations_per_message(50);
-  int messages = 0;
-  const auto live = WatchTogether(*client_, request, &messages);
-  ExpectAccountsFor(live, 1, 603);
-  EXPECT_EQ(IterationsIn(live).SerializeAsString(), client_->Iterations(name).SerializeAsString());
-  for (const int most : {0, 1, 2, 100, 1000}) {
+  const Batched live = WatchBatched(*client_, request);
+  ExpectAccountsFor(live.events, 1, 603);
+  EXPECT_LT(live.messages, 300);
+  EXPECT_EQ(IterationsIn(live.events).SerializeAsString(), client_->Iterations(name).SerializeAsString());
+  for (const int most : {0, 1, 2, 100, 256}) {
     request.set_max_iterations_per_message(most);
-    for (const std::int64_t after : {0, 300}) {
+    for (const std::int64_t after : {0, 300}) {  // 300: amid a batch
       request.set_resume_after_seq(after);
-      const auto events = WatchTogether(*client_, request, &messages);
-      ExpectAccountsFor(events, after + 1, 603);
-      // The ends of what is read of the store at a time are seams, too.
+      const Batched seen = WatchBatched(*client_, request);
+      ExpectAccountsFor(seen.events, after + 1, 603);
       const int single = static_cast<int>(604 - after);
-      EXPECT_LE(messages, most < 2 ? single : single / most + 10);
-      EXPECT_GE(messages, most < 2 ? single : 4);
+      // The ends of what is read at a time are seams, too.
+      EXPECT_LE(seen.messages, most < 2 ? single : single / most + 10);
     }
   }
+  request.set_resume_after_seq(0);
+  request.set_delivery(v1::DELIVERY_LATEST);
+  grpc::Status status;
+  for (const auto& message : Watch(*client_, request).ReadAll(&status)) EXPECT_FALSE(message.has_iteration_batch());
 }
 
-// Of each stretch between two state changes, however the transport takes them.
-TEST_F(WatchTest, WhatComesTogetherKeepsItsPlaceAmongStateChanges) {
+TEST_F(WatchTest, ABatchEndsWhereTheJobsStateChanges) {
   StoreJob(engine_.store(), "manual", SpecOf(SmallScenario()));
   std::int64_t seq = 1;
   int iteration = 0;
+  int messages = 2;  // the snapshot, and the creation
   for (int i = 0; i < 30; ++i) {
     Commit("manual", ++seq, StateOf(JobState::kRunning));
     for (int k = 0; k < i % 4; ++k) CommitIteration("manual", ++seq, ++iteration);
     Commit("manual", ++seq, StateOf(JobState::kPaused));
     Commit("manual", ++seq, StateOf(JobState::kQueued));
+    messages += i % 4 == 0 ? 3 : 4;
   }
   Commit("manual", ++seq, StateOf(JobState::kCancelled));
+  ++messages;
+  engine_.store().Flush();
   v1::WatchJobRequest request;
   request.set_name(NameOf("manual"));
-  request.set_max_iterations_per_message(1000);
-  int messages = 0;
-  const auto events = WatchTogether(*client_, request, &messages);
-  ExpectAccountsFor(events, 1, seq);
+  request.set_max_iterations_per_message(256);
+  const Batched seen = WatchBatched(*client_, request);
+  EXPECT_EQ(seen.messages, messages);
+  ExpectAccountsFor(seen.events, 1, seq);
   grpc::Status status;
   const auto alone = Watch(*client_, NameOf("manual")).ReadAll(&status);
-  ASSERT_EQ(events.size(), alone.size());
+  ASSERT_EQ(seen.events.size(), alone.size());
   for (std::size_t i = 1; i < alone.size(); ++i) {
-    EXPECT_EQ(events[i].SerializeAsString(), alone[i].SerializeAsString());
+    EXPECT_EQ(seen.events[i].SerializeAsString(), alone[i].SerializeAsString());
   }
 }
 
@@ -303,14 +313,14 @@ TEST_F(WatchTest, WhatCannotBeWatchedIsRefused) {
     EXPECT_EQ(details.violations[0].field(), "resume_after_seq");
     EXPECT_THAT(details.violations[0].description(), HasSubstr("in [-1, 6]"));
   }
-  for (const int most : {-1, 1001}) {
+  for (const int most : {-1, 257}) {
     v1::WatchJobRequest request;
     request.set_name(name);
     request.set_max_iterations_per_message(most);
     EXPECT_TRUE(Watch(*client_, request).ReadAll(&status).empty());
     EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
     EXPECT_EQ(DetailsOf(status).violations.at(0).field(), "max_iterations_per_message");
-    EXPECT_THAT(DetailsOf(status).violations.at(0).description(), HasSubstr("in [0, 1000]"));
+    EXPECT_THAT(DetailsOf(status).violations.at(0).description(), HasSubstr("in [0, 256]"));
   }
   Watch(*client_, name, 0, static_cast<v1::Delivery>(9)).ReadAll(&status);
   EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);

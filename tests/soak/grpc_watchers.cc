@@ -2,6 +2,7 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include <algorithm>
 #include <condition_variable>
 #include <mutex>
 #include <thread>
@@ -18,6 +19,7 @@ class GrpcWatchers::Watcher : public grpc::ClientReadReactor<v1::WatchJobRespons
       : stub_(v1::TuningService::NewStub(channel)),
         job_(job),
         every_(every),
+        in_batches_(every && number % 2 == 0),
         journal_(journal),
         check_((every ? "gRPC watcher " : "gRPC watcher of the latest ") + std::to_string(number)) {}
 
@@ -26,6 +28,7 @@ class GrpcWatchers::Watcher : public grpc::ClientReadReactor<v1::WatchJobRespons
     request_.set_name(job_.name);
     request_.set_resume_after_seq(check_.last());
     request_.set_delivery(every_ ? v1::DELIVERY_EVERY : v1::DELIVERY_LATEST);
+    request_.set_max_iterations_per_message(in_batches_ ? 256 : 0);
     stub_->async()->WatchJob(context_.get(), &request_, this);
     AddHold();
     StartRead(&response_);
@@ -92,9 +95,10 @@ class GrpcWatchers::Watcher : public grpc::ClientReadReactor<v1::WatchJobRespons
  private:
   void Take() {
     if (response_.has_snapshot()) return;
-    ++journal_.grpc_events;
+    const int events = std::max(1, response_.iteration_batch().iterations_size());
+    journal_.grpc_events += events;
     const std::int64_t seq = response_.seq();
-    check_.Take(response_.has_gap() ? response_.gap().first_seq() : seq, seq, journal_);
+    check_.Take(response_.has_gap() ? response_.gap().first_seq() : seq - events + 1, seq, journal_);
     if (response_.has_gap()) return;
     const double behind_s = job_.first_seen.Note(seq, Clock::now());
     const std::lock_guard lock(mutex_);
@@ -105,6 +109,7 @@ class GrpcWatchers::Watcher : public grpc::ClientReadReactor<v1::WatchJobRespons
   const std::unique_ptr<v1::TuningService::Stub> stub_;
   WatchedJob& job_;
   const bool every_;
+  const bool in_batches_;
   Journal& journal_;
   SequenceCheck check_;
   v1::WatchJobRequest request_;
