@@ -120,8 +120,8 @@ class WatchTest : public RpcServerTest {
     });
   }
 
-  // A job of `kManyEvents` that is over before its watcher reads on; what the watcher then gets.
-  std::vector<v1::WatchJobResponse> WatchSlowly(v1::Delivery delivery);
+  // A job of `kManyEvents` that is over before its watcher reads on; what the watcher then gets, batches taken apart.
+  std::vector<v1::WatchJobResponse> WatchSlowly(v1::Delivery delivery, int iterations_per_message = 0);
 };
 
 StateChange StateOf(JobState state) { return {.state = state, .time_us = NowUs(), .message = {}, .report = {}}; }
@@ -144,6 +144,26 @@ void ExpectAccountsFor(const std::vector<v1::WatchJobResponse>& events, std::int
     }
   }
   EXPECT_EQ(seq, last);
+}
+
+// Messages with their batches taken apart, which have at most `most` iterations.
+std::vector<v1::WatchJobResponse> TakenApart(const std::vector<v1::WatchJobResponse>& messages, int most) {
+  std::vector<v1::WatchJobResponse> events;
+  for (const v1::WatchJobResponse& message : messages) {
+    if (!message.has_iteration_batch()) {
+      events.push_back(message);
+      continue;
+    }
+    const int iterations = message.iteration_batch().iterations_size();
+    EXPECT_GE(iterations, 2);
+    EXPECT_LE(iterations, most);
+    for (int i = 0; i < iterations; ++i) {
+      v1::WatchJobResponse& event = events.emplace_back();
+      event.set_seq(message.seq() - iterations + 1 + i);
+      *event.mutable_iteration() = message.iteration_batch().iterations(i);
+    }
+  }
+  return events;
 }
 
 v1::ListIterationsResponse IterationsIn(const std::vector<v1::WatchJobResponse>& events) {
@@ -187,32 +207,11 @@ TEST_F(WatchTest, AJobThatHasEndedIsReadFromTheStore) {
   }
 }
 
-// The events of a watch that asks for batches, which are taken apart; how many messages they were.
-struct Batched {
-  std::vector<v1::WatchJobResponse> events;
-  int messages = 0;
-};
-
-Batched WatchBatched(Client& client, const v1::WatchJobRequest& request) {
+std::vector<v1::WatchJobResponse> ReadAll(Client& client, const v1::WatchJobRequest& request) {
   grpc::Status status;
-  Batched seen;
-  for (const v1::WatchJobResponse& message : Watch(client, request).ReadAll(&status)) {
-    ++seen.messages;
-    if (!message.has_iteration_batch()) {
-      seen.events.push_back(message);
-      continue;
-    }
-    const int iterations = message.iteration_batch().iterations_size();
-    EXPECT_GE(iterations, 2);
-    EXPECT_LE(iterations, request.max_iterations_per_message());
-    for (int i = 0; i < iterations; ++i) {
-      v1::WatchJobResponse& event = seen.events.emplace_back();
-      event.set_seq(message.seq() - iterations + 1 + i);
-      *event.mutable_iteration() = message.iteration_batch().iterations(i);
-    }
-  }
+  auto messages = Watch(client, request).ReadAll(&status);
   EXPECT_TRUE(status.ok()) << status.error_message();
-  return seen;
+  return messages;
 }
 
 TEST_F(WatchTest, IterationsComeInBatchesWhereTheWatcherAsksForThem) {
@@ -220,53 +219,52 @@ TEST_F(WatchTest, IterationsComeInBatchesWhereTheWatcherAsksForThem) {
   v1::WatchJobRequest request;
   request.set_name(name);
   request.set_max_iterations_per_message(50);
-  const Batched live = WatchBatched(*client_, request);
-  ExpectAccountsFor(live.events, 1, 603);
-  EXPECT_LT(live.messages, 300);
-  EXPECT_EQ(IterationsIn(live.events).SerializeAsString(), client_->Iterations(name).SerializeAsString());
+  const auto live = ReadAll(*client_, request);
+  EXPECT_LT(live.size(), 300u);
+  ExpectAccountsFor(TakenApart(live, 50), 1, 603);
+  EXPECT_EQ(IterationsIn(TakenApart(live, 50)).SerializeAsString(), client_->Iterations(name).SerializeAsString());
   for (const int most : {0, 1, 2, 100, 256}) {
     request.set_max_iterations_per_message(most);
     for (const std::int64_t after : {0, 300}) {  // 300: amid a batch
       request.set_resume_after_seq(after);
-      const Batched seen = WatchBatched(*client_, request);
-      ExpectAccountsFor(seen.events, after + 1, 603);
-      const int single = static_cast<int>(604 - after);
+      const auto messages = ReadAll(*client_, request);
+      ExpectAccountsFor(TakenApart(messages, most), after + 1, 603);
       // The ends of what is read at a time are seams, too.
-      EXPECT_LE(seen.messages, most < 2 ? single : single / most + 10);
+      EXPECT_LE(messages.size(), static_cast<std::size_t>(most < 2 ? 604 - after : (604 - after) / most + 10));
     }
   }
   request.set_resume_after_seq(0);
   request.set_delivery(v1::DELIVERY_LATEST);
-  grpc::Status status;
-  for (const auto& message : Watch(*client_, request).ReadAll(&status)) EXPECT_FALSE(message.has_iteration_batch());
+  for (const auto& message : ReadAll(*client_, request)) EXPECT_FALSE(message.has_iteration_batch());
 }
 
 TEST_F(WatchTest, ABatchEndsWhereTheJobsStateChanges) {
   StoreJob(engine_.store(), "manual", SpecOf(SmallScenario()));
   std::int64_t seq = 1;
   int iteration = 0;
-  int messages = 2;  // the snapshot, and the creation
+  std::size_t count = 2;  // the snapshot, and the creation
   for (int i = 0; i < 30; ++i) {
     Commit("manual", ++seq, StateOf(JobState::kRunning));
     for (int k = 0; k < i % 4; ++k) CommitIteration("manual", ++seq, ++iteration);
     Commit("manual", ++seq, StateOf(JobState::kPaused));
     Commit("manual", ++seq, StateOf(JobState::kQueued));
-    messages += i % 4 == 0 ? 3 : 4;
+    count += i % 4 == 0 ? 3 : 4;
   }
   Commit("manual", ++seq, StateOf(JobState::kCancelled));
-  ++messages;
+  ++count;
   engine_.store().Flush();
   v1::WatchJobRequest request;
   request.set_name(NameOf("manual"));
   request.set_max_iterations_per_message(256);
-  const Batched seen = WatchBatched(*client_, request);
-  EXPECT_EQ(seen.messages, messages);
-  ExpectAccountsFor(seen.events, 1, seq);
+  const auto messages = ReadAll(*client_, request);
+  EXPECT_EQ(messages.size(), count);
+  const auto events = TakenApart(messages, 256);
+  ExpectAccountsFor(events, 1, seq);
   grpc::Status status;
   const auto alone = Watch(*client_, NameOf("manual")).ReadAll(&status);
-  ASSERT_EQ(seen.events.size(), alone.size());
+  ASSERT_EQ(events.size(), alone.size());
   for (std::size_t i = 1; i < alone.size(); ++i) {
-    EXPECT_EQ(seen.events[i].SerializeAsString(), alone[i].SerializeAsString());
+    EXPECT_EQ(events[i].SerializeAsString(), alone[i].SerializeAsString());
   }
 }
 
@@ -351,14 +349,18 @@ TEST_F(WatchTest, PausesAndResumesAreEvents) {
                                              v1::JOB_STATE_QUEUED, v1::JOB_STATE_RUNNING, v1::JOB_STATE_CANCELLED));
 }
 
-std::vector<v1::WatchJobResponse> WatchTest::WatchSlowly(v1::Delivery delivery) {
+std::vector<v1::WatchJobResponse> WatchTest::WatchSlowly(v1::Delivery delivery, int iterations_per_message) {
   StoreJob(engine_.store(), "manual", SpecOf(EndlessScenario()));
   // What the transport holds for a reader is kept small.
   grpc::ChannelArguments narrow;
   narrow.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
   narrow.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 16 << 10);
   Client client(server_->address(), narrow);
-  Watch watch(client, NameOf("manual"), 0, delivery);
+  v1::WatchJobRequest request;
+  request.set_name(NameOf("manual"));
+  request.set_delivery(delivery);
+  request.set_max_iterations_per_message(iterations_per_message);
+  Watch watch(client, request);
   std::vector<v1::WatchJobResponse> events(1);
   EXPECT_TRUE(watch.Read(&events[0]));
   Commit("manual", 2, StateOf(JobState::kRunning));
@@ -369,7 +371,7 @@ std::vector<v1::WatchJobResponse> WatchTest::WatchSlowly(v1::Delivery delivery) 
   grpc::Status status;
   Commit("manual", ++seq, StateOf(JobState::kCancelled));
   EXPECT_TRUE(Watch(*client_, NameOf("manual"), seq - 10).ReadAll(&status).back().has_state_change());
-  const auto rest = watch.ReadAll(&status);
+  const auto rest = TakenApart(watch.ReadAll(&status), iterations_per_message);
   EXPECT_TRUE(status.ok()) << status.error_message();
   events.insert(events.end(), rest.begin(), rest.end());
   ExpectAccountsFor(events, 1, seq);
@@ -380,6 +382,10 @@ std::vector<v1::WatchJobResponse> WatchTest::WatchSlowly(v1::Delivery delivery) 
 
 TEST_F(WatchTest, ASlowReaderOfEveryMissesNothing) {
   EXPECT_EQ(WatchSlowly(v1::DELIVERY_EVERY).size(), kManyEvents + 4u);
+}
+
+TEST_F(WatchTest, ASlowReaderOfBatchesMissesNothing) {
+  EXPECT_EQ(WatchSlowly(v1::DELIVERY_EVERY, 256).size(), kManyEvents + 4u);
 }
 
 TEST_F(WatchTest, ASlowReaderOfTheLatestIsToldItsGaps) {
