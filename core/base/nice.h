@@ -11,4 +11,7 @@ inline void AddNice(int nice) {
   if (nice != 0) setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + nice);
 }
 
+// Of threads that fly episodes, which take all the time there is.
+inline constexpr int kFlightNice = 5;
+
 }  // namespace orbitune

@@ -19,7 +19,7 @@ Executors::Executors(const ExecutorLimits& limits)
     : reads_(4, LimitsOf(limits)),
       writes_(4, LimitsOf(limits)),
       queries_(2, LimitsOf(limits)),
-      episodes_(limits.max_episode_calls, LimitsOf(limits)),
+      episodes_(limits.max_episode_calls, LimitsOf(limits), kFlightNice),
       streams_(2, LimitsOf(limits), kStreamNice),
       crowd_(2, LimitsOf(limits), kCrowdNice),
       verifications_(limits.max_verifications, LimitsOf(limits), kVerifyNice) {}

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/nice.h"
 #include "server/jobs/campaign_results.h"
 #include "server/jobs/gain_sets.h"
 #include "server/jobs/limit.h"
@@ -273,6 +274,7 @@ void CampaignEngine::ChangeState(Entry& entry, CampaignEnd end, CampaignStore::D
 }
 
 void CampaignEngine::EvaluateLoop() {
+  AddNice(kFlightNice);
   std::unique_lock lock(mutex_);
   while (true) {
     to_evaluate_.wait(lock, [this] { return stopping_ || !evaluations_.empty(); });

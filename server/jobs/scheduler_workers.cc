@@ -17,10 +17,6 @@ namespace {
 // last.
 constexpr std::chrono::microseconds kLookout(50);
 
-// Calls, commits and streams take little, and somebody waits for them: without it calls beside many jobs and watchers
-// take twice as long.
-constexpr int kNice = 5;
-
 // Who had nothing to fly for a while catches up by no more than so many steps: a tenth of a second of a worker's time.
 constexpr double kMostCredit = 200'000;
 
@@ -48,7 +44,7 @@ const Scheduler::EntryPtr* Scheduler::Client::NextRunning(const Options& options
 }
 
 void Scheduler::WorkerLoop() {
-  AddNice(kNice);
+  AddNice(kFlightNice);
   Lock lock(mutex_);
   Chunk chunk;
   while (AwaitChunk(chunk, lock)) {

@@ -24,7 +24,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using nlohmann::json;
 
-// Operations of the kernel for one right-hand side and lane, counted in core/simd/lane_kernel-inl.h, a fused one as
+// Operations of the kernel for one right-hand side and lane, counted in core/simd/lane_*-inl.h, a fused one as
 // one: the closed loop's 62, and a sixth of a step's combinations (210), error estimate (90) and decision (50).
 constexpr double kFmaSlotsPerRhs = 120;
 
@@ -279,7 +279,7 @@ int Main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--repeats", repeats)->check(CLI::Range(1, 1000))->capture_default_str();
   app.add_option("--iterations", iterations, "Of each job")->check(CLI::Range(1, 1'000'000))->capture_default_str();
-  app.add_option("--job-repeats", job_repeats, "Of each job; medians are printed")
+  app.add_option("--job-repeats", job_repeats, "Of one job, by the engine and through the server; medians are printed")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
   app.add_option("--random", random, "How many random episodes")

@@ -19,7 +19,7 @@ class GrpcWatchers::Watcher : public grpc::ClientReadReactor<v1::WatchJobRespons
       : stub_(v1::TuningService::NewStub(channel)),
         job_(job),
         every_(every),
-        in_batches_(every && number % 2 == 0),
+        in_batches_(every && number % 3 == 0),
         journal_(journal),
         check_((every ? "gRPC watcher " : "gRPC watcher of the latest ") + std::to_string(number)) {}
 

@@ -16,8 +16,8 @@ struct WatchedJob {
 
 class GrpcWatchers {
  public:
-  // `count` of them, over a channel for each fifty, by turns of the jobs; every other one takes every event, the others
-  // the latest. jobs, journal: outlive this.
+  // `count` of them, over a channel for each fifty, by turns of the jobs; every other one takes every event, a third of
+  // them in batches, the others the latest. jobs, journal: outlive this.
   GrpcWatchers(const std::string& address, int count, std::vector<std::unique_ptr<WatchedJob>>& jobs, Journal& journal);
   ~GrpcWatchers();
 
