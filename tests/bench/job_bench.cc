@@ -19,6 +19,7 @@
 #include "server/jobs/scheduler.h"
 #include "server/rpc/server.h"
 #include "storage/sqlite_store.h"
+#include "tests/bench/median.h"
 
 namespace orbitune::bench {
 namespace {
@@ -133,19 +134,15 @@ double RunOne(v1::TuningService::Stub& stub, std::uint64_t seed, int iterations,
   double reduction = 0;
   while (reader->Read(&event)) {
     if (event.has_iteration()) ORBITUNE_CHECK(event.iteration().iteration() == ++seen);
-    for (const v1::Iteration& iteration : event.iteration_batch().iterations())
+    for (const v1::Iteration& iteration : event.iteration_batch().iterations()) {
       ORBITUNE_CHECK(iteration.iteration() == ++seen);
+    }
     if (event.has_state_change() && event.state_change().has_report()) {
       reduction = event.state_change().report().final_reduction().cost_percent();
     }
   }
   ORBITUNE_CHECK(reader->Finish().ok() && seen == iterations);
   return reduction;
-}
-
-double Median(std::vector<double> values) {
-  std::ranges::nth_element(values, values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2));
-  return values[values.size() / 2];
 }
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include "core/sim/scalar_simulator.h"
 #include "core/simd/lane_kernel.h"
 #include "tests/bench/job_bench.h"
+#include "tests/bench/median.h"
 #include "tests/bench/odeint_engine.h"
 #include "tests/bench/optimiser_bench.h"
 #include "tests/bench/peak_fma.h"
@@ -101,11 +102,6 @@ std::vector<EpisodeResult> Reference(Workload w) {
   simd::UseTarget("auto");
   RunLanes(w, false, results);
   return results;
-}
-
-double Median(std::vector<double> values) {
-  std::ranges::sort(values);
-  return values[values.size() / 2];
 }
 
 void Check(Row& row, std::span<const EpisodeResult> results, const std::vector<EpisodeResult>& reference) {

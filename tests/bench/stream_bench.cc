@@ -27,6 +27,7 @@
 #include "server/api/api.h"
 #include "server/rest/server.h"
 #include "storage/sqlite_store.h"
+#include "tests/bench/median.h"
 
 namespace orbitune {
 namespace {
@@ -294,11 +295,10 @@ class Bench {
   std::unique_ptr<HttpServer> http_;
 };
 
-double Median(const std::vector<Row>& rows, double Row::*value) {
+double MedianOf(const std::vector<Row>& rows, double Row::*value) {
   std::vector<double> values;
   for (const Row& row : rows) values.push_back(row.*value);
-  std::ranges::nth_element(values, values.begin() + std::ssize(values) / 2);
-  return values[values.size() / 2];
+  return bench::Median(std::move(values));
 }
 
 double PeakMemoryMib() {
@@ -350,14 +350,14 @@ int main(int argc, char** argv) {
       without.push_back(bench.Run(0));
       with.push_back(bench.Run(watchers));
     }
-    const double before = Median(without, &Row::iterations_per_s);
-    const double after = Median(with, &Row::iterations_per_s);
+    const double before = MedianOf(without, &Row::iterations_per_s);
+    const double after = MedianOf(with, &Row::iterations_per_s);
     std::printf("iterations/s, median of %d: %.0f without watchers, %.0f with %d: %.1f %% fewer\n", repeats, before,
                 after, watchers, 100 * (1 - after / before));
-    const double alone = Median(without, &Row::server_ms);
-    const double watched = Median(with, &Row::server_ms);
+    const double alone = MedianOf(without, &Row::server_ms);
+    const double watched = MedianOf(with, &Row::server_ms);
     std::printf("processor time per iteration, ms: server %.3f without, %.3f with: %.1f %% more; watchers %.3f\n",
-                alone, watched, 100 * (watched / alone - 1), Median(with, &Row::watchers_ms));
+                alone, watched, 100 * (watched / alone - 1), MedianOf(with, &Row::watchers_ms));
     std::printf("commit to arrival, ms: p50 %.1f, p90 %.1f, p99 %.1f (%lld events); server's peak memory %.0f MiB\n",
                 bench.DelayMs(0.5), bench.DelayMs(0.9), bench.DelayMs(0.99), static_cast<long long>(bench.events()),
                 PeakMemoryMib());

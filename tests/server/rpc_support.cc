@@ -126,16 +126,13 @@ void Client::WaitForIterations(const std::string& name, int completed) {
   ADD_FAILURE() << name << " ended before iteration " << completed;
 }
 
-Watch::Watch(Client& client, const std::string& name, std::int64_t resume_after_seq, v1::Delivery delivery)
-    : Watch(client, [&] {
-        v1::WatchJobRequest request;
-        request.set_name(name);
-        request.set_resume_after_seq(resume_after_seq);
-        request.set_delivery(delivery);
-        return request;
-      }()) {}
-
-Watch::Watch(Client& client, const v1::WatchJobRequest& request) {
+Watch::Watch(Client& client, const std::string& name, std::int64_t resume_after_seq, v1::Delivery delivery,
+             int max_iterations_per_message) {
+  v1::WatchJobRequest request;
+  request.set_name(name);
+  request.set_resume_after_seq(resume_after_seq);
+  request.set_delivery(delivery);
+  request.set_max_iterations_per_message(max_iterations_per_message);
   context_.set_deadline(std::chrono::system_clock::now() + std::chrono::minutes(1));
   reader_ = client.tuning().WatchJob(&context_, request);
 }

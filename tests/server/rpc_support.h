@@ -77,8 +77,7 @@ inline bool HasEnded(v1::JobState state) { return state >= v1::JOB_STATE_SUCCEED
 class Watch {
  public:
   Watch(Client& client, const std::string& name, std::int64_t resume_after_seq = 0,
-        v1::Delivery delivery = v1::DELIVERY_EVERY);
-  Watch(Client& client, const v1::WatchJobRequest& request);
+        v1::Delivery delivery = v1::DELIVERY_EVERY, int max_iterations_per_message = 0);
   ~Watch();
 
   // False at the end.

@@ -207,35 +207,32 @@ TEST_F(WatchTest, AJobThatHasEndedIsReadFromTheStore) {
   }
 }
 
-std::vector<v1::WatchJobResponse> ReadAll(Client& client, const v1::WatchJobRequest& request) {
+std::vector<v1::WatchJobResponse> WatchInBatches(Client& client, const std::string& name, int most,
+                                                 std::int64_t after = 0) {
   grpc::Status status;
-  auto messages = Watch(client, request).ReadAll(&status);
+  auto messages = Watch(client, name, after, v1::DELIVERY_EVERY, most).ReadAll(&status);
   EXPECT_TRUE(status.ok()) << status.error_message();
   return messages;
 }
 
 TEST_F(WatchTest, IterationsComeInBatchesWhereTheWatcherAsksForThem) {
   const std::string name = client_->Create(600);
-  v1::WatchJobRequest request;
-  request.set_name(name);
-  request.set_max_iterations_per_message(50);
-  const auto live = ReadAll(*client_, request);
+  const auto live = WatchInBatches(*client_, name, 50);
   EXPECT_LT(live.size(), 300u);
   ExpectAccountsFor(TakenApart(live, 50), 1, 603);
   EXPECT_EQ(IterationsIn(TakenApart(live, 50)).SerializeAsString(), client_->Iterations(name).SerializeAsString());
   for (const int most : {0, 1, 2, 100, 256}) {
-    request.set_max_iterations_per_message(most);
     for (const std::int64_t after : {0, 300}) {  // 300: amid a batch
-      request.set_resume_after_seq(after);
-      const auto messages = ReadAll(*client_, request);
+      const auto messages = WatchInBatches(*client_, name, most, after);
       ExpectAccountsFor(TakenApart(messages, most), after + 1, 603);
       // The ends of what is read at a time are seams, too.
       EXPECT_LE(messages.size(), static_cast<std::size_t>(most < 2 ? 604 - after : (604 - after) / most + 10));
     }
   }
-  request.set_resume_after_seq(0);
-  request.set_delivery(v1::DELIVERY_LATEST);
-  for (const auto& message : ReadAll(*client_, request)) EXPECT_FALSE(message.has_iteration_batch());
+  grpc::Status status;
+  const auto latest = Watch(*client_, name, 0, v1::DELIVERY_LATEST, 256).ReadAll(&status);
+  EXPECT_TRUE(status.ok()) << status.error_message();
+  for (const auto& message : latest) EXPECT_FALSE(message.has_iteration_batch());
 }
 
 TEST_F(WatchTest, ABatchEndsWhereTheJobsStateChanges) {
@@ -253,10 +250,7 @@ TEST_F(WatchTest, ABatchEndsWhereTheJobsStateChanges) {
   Commit("manual", ++seq, StateOf(JobState::kCancelled));
   ++count;
   engine_.store().Flush();
-  v1::WatchJobRequest request;
-  request.set_name(NameOf("manual"));
-  request.set_max_iterations_per_message(256);
-  const auto messages = ReadAll(*client_, request);
+  const auto messages = WatchInBatches(*client_, NameOf("manual"), 256);
   EXPECT_EQ(messages.size(), count);
   const auto events = TakenApart(messages, 256);
   ExpectAccountsFor(events, 1, seq);
@@ -312,10 +306,7 @@ TEST_F(WatchTest, WhatCannotBeWatchedIsRefused) {
     EXPECT_THAT(details.violations[0].description(), HasSubstr("in [-1, 6]"));
   }
   for (const int most : {-1, 257}) {
-    v1::WatchJobRequest request;
-    request.set_name(name);
-    request.set_max_iterations_per_message(most);
-    EXPECT_TRUE(Watch(*client_, request).ReadAll(&status).empty());
+    EXPECT_TRUE(Watch(*client_, name, 0, v1::DELIVERY_EVERY, most).ReadAll(&status).empty());
     EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
     EXPECT_EQ(DetailsOf(status).violations.at(0).field(), "max_iterations_per_message");
     EXPECT_THAT(DetailsOf(status).violations.at(0).description(), HasSubstr("in [0, 256]"));
@@ -356,11 +347,7 @@ std::vector<v1::WatchJobResponse> WatchTest::WatchSlowly(v1::Delivery delivery, 
   narrow.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
   narrow.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 16 << 10);
   Client client(server_->address(), narrow);
-  v1::WatchJobRequest request;
-  request.set_name(NameOf("manual"));
-  request.set_delivery(delivery);
-  request.set_max_iterations_per_message(iterations_per_message);
-  Watch watch(client, request);
+  Watch watch(client, NameOf("manual"), 0, delivery, iterations_per_message);
   std::vector<v1::WatchJobResponse> events(1);
   EXPECT_TRUE(watch.Read(&events[0]));
   Commit("manual", 2, StateOf(JobState::kRunning));
